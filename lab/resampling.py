@@ -1,0 +1,107 @@
+"""Resampling schemes: from weights to ancestors, one signature for all four.
+
+Question answered: which particles have offspring?  Every scheme is unbiased, E[offspring of i] = N w_i, and draws by
+inverting the cumulative weights c at N points of [0, 1): particle i is taken for the points in [c_{i-1}, c_i).
+
+    systematic    u_j = (j + u) / N,    one u for all              offspring is floor or ceil of N w
+    stratified    u_j = (j + u_j) / N,  one u_j per stratum
+    multinomial   u_j independent
+    residual      floor(N w_i) copies of i, the rest multinomial on what remains
+
+The weights are divided by their sum first, and the cumulative sum counts as infinite from the last positive weight on:
+rounding leaves it short of 1, and a point can round to exactly 1.  So an index never lies outside and a particle of
+weight zero is never taken.  Source: question 6 of the handout; Douc, Cappe and Moulines (2005).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab.validation import Array, InputError
+
+Ancestors = NDArray[np.intp]
+Resampler = Callable[[Array, np.random.Generator], Ancestors]
+
+
+def systematic(weights: Array, rng: np.random.Generator) -> Ancestors:
+    """Resample with one uniform number for all points.
+
+    Parameters
+    ----------
+    weights : (N,) array
+        Non-negative, not all zero; need not sum to 1.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    (N,) array of int
+        Ancestors, in ascending order.
+
+    Raises
+    ------
+    InputError
+        Weights negative, NaN, infinite or all zero.
+    """
+    n = len(weights)
+    return _inverse((np.arange(n) + rng.random()) / n, _normalised(weights))
+
+
+def stratified(weights: Array, rng: np.random.Generator) -> Ancestors:
+    """Resample with one uniform number per stratum; arguments, result and errors as `systematic`."""
+    n = len(weights)
+    return _inverse((np.arange(n) + rng.random(n)) / n, _normalised(weights))
+
+
+def multinomial(weights: Array, rng: np.random.Generator) -> Ancestors:
+    """Resample with independent uniform numbers, in no order; arguments, result and errors as `systematic`."""
+    return _inverse(rng.random(len(weights)), _normalised(weights))
+
+
+def residual(weights: Array, rng: np.random.Generator) -> Ancestors:
+    """Keep floor(N w) copies, draw the rest multinomially; arguments, result and errors as `systematic`."""
+    expected = _normalised(weights) * len(weights)
+    copies = np.floor(expected).astype(np.intp)
+    kept = np.repeat(np.arange(len(weights)), copies)
+    n_left = len(weights) - len(kept)
+    if n_left == 0:
+        return kept
+    return np.concatenate([kept, _inverse(rng.random(n_left), expected - copies)])
+
+
+RESAMPLERS: dict[str, Resampler] = {
+    "systematic": systematic,
+    "stratified": stratified,
+    "residual": residual,
+    "multinomial": multinomial,
+}
+
+
+def resolve(resample: str | Resampler) -> Resampler:
+    """Return the scheme of this name; a function is returned as it is.
+
+    Raises
+    ------
+    InputError
+        No scheme has this name.
+    """
+    if callable(resample):
+        return resample
+    if resample not in RESAMPLERS:
+        raise InputError(f"Unknown resampling scheme {resample!r}; known are {', '.join(RESAMPLERS)}.")
+    return RESAMPLERS[resample]
+
+
+def _normalised(weights: Array) -> Array:
+    total = np.sum(weights)
+    if not np.isfinite(total) or total <= 0 or np.min(weights) < 0:
+        raise InputError("Resampling needs non-negative, finite weights that are not all zero.")
+    return np.asarray(weights / total)
+
+
+def _inverse(points: Array, weights: Array) -> Ancestors:
+    """Invert the cumulative weights; `weights` may sum to anything positive, the points lie in [0, 1]."""
+    cumulative = np.cumsum(weights)
+    cumulative /= cumulative[-1]
+    cumulative[np.flatnonzero(weights)[-1] :] = np.inf
+    return np.searchsorted(cumulative, points, side="right")
