@@ -1,0 +1,24 @@
+"""The filters: exact Kalman, and particle filters that all run through one loop.
+
+``SOLVERS`` names the particle solvers; ``resolve`` turns what a person types into one, a student's own included.
+"""
+
+from lab.solvers.exact import kalman
+from lab.solvers.particle import particle_steps, sir, sis
+from lab.solvers.proposals import Cloud, prior
+from lab.solvers.protocol import Proposal, Solver, check_filtered
+from lab.solvers.registry import SOLVERS, resolve
+
+__all__ = [
+    "SOLVERS",
+    "Cloud",
+    "Proposal",
+    "Solver",
+    "check_filtered",
+    "kalman",
+    "particle_steps",
+    "prior",
+    "resolve",
+    "sir",
+    "sis",
+]
