@@ -1,0 +1,5 @@
+"""``python -m lab`` is ``slam-lab``."""
+
+from lab.cli import main
+
+main()

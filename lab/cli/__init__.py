@@ -1,0 +1,62 @@
+"""The command line: ``slam-lab``, or ``python -m lab``.
+
+Bad input is one sentence on standard error and status 2; a run that failed inside a comparison is status 1; Ctrl-C is
+130.  Heavy packages are imported by the commands that need them, so that ``--help`` is quick.
+"""
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+IMPATIENCE = 1.0  # seconds: a second Ctrl-C this soon must not stop the tidying up after the first
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with its status.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; by default those of the process.
+    """
+    with _noting_signals() as received:
+        try:
+            from lab.cli.app import execute
+
+            status = execute(arguments)
+        except BaseException as error:
+            # inside an import an interrupt comes out as any error
+            if not received and not isinstance(error, KeyboardInterrupt):
+                raise
+            number = received[0] if received else signal.SIGINT
+            print("slam-lab: stopped; no half-written result remains.", file=sys.stderr)
+            status = 128 + number
+    sys.exit(status)
+
+
+@contextmanager
+def _noting_signals() -> Iterator[list[int]]:
+    """Turn Ctrl-C, and the polite end that batch systems ask for, into KeyboardInterrupt; list what was received."""
+    received: list[int] = []
+    last = -IMPATIENCE
+
+    def interrupt(number: int, _: object) -> None:
+        nonlocal last
+        hurry, last = time.monotonic() - last < IMPATIENCE, time.monotonic()
+        received.append(number)
+        if not hurry:
+            raise KeyboardInterrupt
+
+    before = {}
+    if threading.current_thread() is threading.main_thread():  # elsewhere Python sets no handlers
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+                before[number] = signal.signal(number, interrupt)
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

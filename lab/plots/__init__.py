@@ -1,0 +1,12 @@
+"""Pictures of results: axes first, artists returned, nothing shown and nothing written.
+
+Plots know results, never solvers.  What each picture says is in its module; what they look like is in `style`.
+"""
+
+from lab.plots.comparison import draw_ess, draw_gap
+from lab.plots.corridors import corridor, draw_corridors
+from lab.plots.ellipses import ellipse
+from lab.plots.scene import draw_map
+from lab.plots.style import legend_below, new_figure
+
+__all__ = ["corridor", "draw_corridors", "draw_ess", "draw_gap", "draw_map", "ellipse", "legend_below", "new_figure"]

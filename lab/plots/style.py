@@ -1,0 +1,107 @@
+"""One look for all pictures, readable in grey and by colour-blind people: every colour has its own line and marker.
+
+The exact filter is always black and solid, the truth always a thin dotted line or a cross; estimates take the colours
+of Okabe and Ito in an order whose greys differ.  Axes name their unit in brackets, [-] where there is none.
+"""
+
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+EXACT = "black"
+TRUTH = "#7a7a7a"
+ESTIMATE = "#D55E00"
+
+
+class Look(NamedTuple):
+    """How one series is drawn."""
+
+    color: str
+    linestyle: str
+    marker: str
+
+    def line(self) -> dict[str, Any]:
+        """Return the keywords for a plain line."""
+        return {"color": self.color, "linestyle": self.linestyle}
+
+
+LOOKS = (
+    Look("#0072B2", "-", "o"),
+    Look("#D55E00", "--", "s"),
+    Look("#009E73", "-.", "^"),
+    Look("#E69F00", ":", "D"),
+    Look("#882255", (0, (5, 1, 1, 1, 1, 1)), "v"),  # type: ignore[arg-type]
+    Look("#56B4E9", (0, (1, 2)), "P"),  # type: ignore[arg-type]
+)
+
+
+def look(index: int) -> Look:
+    """Return the look of the series with this index; after six, colours meet other lines and markers."""
+    n = len(LOOKS)
+    other = LOOKS[(index + index // n) % n]
+    return Look(LOOKS[index % n].color, other.linestyle, other.marker)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure [inches] that belongs to nobody's global state."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def component_names(n: int) -> list[str]:
+    """Return what to write on the axis of each of the n state components, units included."""
+    landmarks = [f"$m_{{{i},{axis}}}$ [m]" for i in range(1, n // 2) for axis in "xy"]
+    return ["$r_x$ [m]", "$r_y$ [m]", *landmarks]
+
+
+def wrapped(label: str, width: int = 32) -> str:
+    """Return what a person typed, folded for a legend or a title and safe from matplotlib's reading of $ and _."""
+    lines = re.findall(rf".{{1,{width}}}(?:(?<=[:\s-])|$)|.{{1,{width}}}", label.replace("$", r"\$"))
+    folded = "\n".join(lines)
+    return f" {folded}" if folded.startswith("_") else folded  # a legend leaves out what begins with _
+
+
+def legend_below(figure: Figure, *axes: Axes) -> Legend:
+    """Put one legend of all that the axes label under the figure, in as many columns as fit.
+
+    Artists of the same axes that share a label, such as a mean and its band, share a line of the legend.
+    """
+    entries: dict[str, tuple[Artist, ...]] = {}
+    for ax in axes:
+        own: dict[str, tuple[Artist, ...]] = {}
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            own[label] = (*own.get(label, ()), handle)
+        entries = own | entries
+    longest = max((len(line) for label in entries for line in label.splitlines()), default=1)
+    columns = int(11 * figure.get_figwidth() / (longest + 8))  # 11 characters an inch, 8 for the sample
+    return figure.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=max(1, min(columns, len(entries)))
+    )
+
+
+def plain_log_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers, as in the tables: 1, 2, 5, 10... or decades when it is long."""
+    low, high = axis.get_view_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000 * low else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def instants_axis(ax: Axes, *, label: bool = True) -> None:
+    """Count the instants along x, in whole numbers."""
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if label:
+        ax.set_xlabel("instant $k$ [-]")
+
+
+def thinned(values: list[int], most: int) -> list[int]:
+    """Return at most this many of the values, the first and the last among them."""
+    if len(values) <= most:
+        return values
+    return [values[i] for i in np.linspace(0, len(values) - 1, most).round().astype(int)]
