@@ -75,7 +75,7 @@ def checkout(tmp_path):
             (tools / name).write_text(f"#!/bin/sh\nexec '{sys.executable}' -c '{script}' \"$2\"\n", encoding="utf-8")
             (tools / name).chmod(0o755)
         command = [shutil.which("sh"), str(root / ".ci/venv")]
-        environment = {"PATH": str(tools), "PYTHON": chosen}
+        environment = {"PATH": str(tools), "PYTHON": chosen, "PIP_NO_INDEX": "1"}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, cwd=tmp_path)
         assert done.returncode != 0
         assert done.stdout == ""
