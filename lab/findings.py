@@ -74,14 +74,19 @@ def _failure(comparison: Comparison, solver: str) -> str:
 
 def _moments_of(groups: dict[int, list[Record]], instant: Callable[[Record], float]) -> str:
     """Say for each N at which k something happened (median) and in how many runs; empty when it never did."""
-    parts = []
+    parts: dict[tuple[str, str], list[int]] = {}
     for size, records in groups.items():
         instants = [instant(record) for record in records]
         happened = [k for k in instants if not np.isnan(k)]
         if happened:
             share = "" if len(happened) == len(records) else f" in {len(happened)} of {len(records)} runs"
-            parts.append(f"k = {np.median(happened):.0f} with N = {size}{share}")
-    return ", ".join(parts)
+            parts.setdefault((f"k = {np.median(happened):.0f}", share), []).append(size)
+    return ", ".join(f"{k} with N = {_listed(sizes)}{share}" for (k, share), sizes in parts.items())
+
+
+def _listed(sizes: list[int]) -> str:
+    *others, last = map(str, sizes)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _ess_hides(groups: dict[int, list[Record]]) -> str:

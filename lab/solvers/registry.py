@@ -9,6 +9,7 @@ Called by the command line; in Python, functions are handed over directly and op
 """
 
 import ast
+import hashlib
 import importlib.util
 import inspect
 import re
@@ -100,7 +101,12 @@ def resolve(text: str) -> tuple[str, Solver]:
             )
         solver = SOLVERS[match["name"]]
         signature = inspect.signature(solver)
-    options = dict(part.split("=", 1) for part in match["options"].split(":")[1:])
+    pairs = [part.split("=", 1) for part in match["options"].split(":")[1:]]
+    options = dict(pairs)
+    if len(options) < len(pairs):
+        raise InputError(f"{text}: an option is given twice.")
+    if "n_particles" in options:
+        raise InputError(f"{text}: n_particles is no option here, --particles sets it.")
     _check_call(text, signature, options)
     return label, partial(solver, **{name: _value(given) for name, given in options.items()}) if options else solver
 
@@ -131,10 +137,12 @@ def _import_file(path: str) -> ModuleType:
         raise InputError(f"{path} does not exist.")
     if str(file.parent) not in sys.path:  # so that it can import its neighbours
         sys.path.append(str(file.parent))
-    spec = importlib.util.spec_from_file_location(file.stem, path)
+    name = f"{file.stem}-{hashlib.sha256(path.encode()).hexdigest()[:8]}"  # a file may be called random.py
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their module up there
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
