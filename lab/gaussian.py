@@ -12,12 +12,15 @@ process noise and prior covariances are singular in this laboratory.  The same u
 Rao-Blackwellized filters.  Arrays in, arrays out: nothing here knows of robots.
 """
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 
 from lab.validation import Array
 
 LOG_2PI = float(np.log(2 * np.pi))
+RANK_TOLERANCE = 1e-12  # eigenvalues of a correlation matrix below it are rounding
 
 
 def predict(mean: Array, cov: Array, F: Array, B: Array, Q: Array) -> tuple[Array, Array]:
@@ -72,10 +75,72 @@ def update(mean: Array, cov: Array, z: Array, H: Array, R: Array) -> tuple[Array
     """
     innovation = _column(z, mean) - H @ mean
     S = H @ cov @ H.T + R
-    K = scipy.linalg.cho_solve(scipy.linalg.cho_factor(S, lower=True), H @ cov).T if len(z) else cov @ H.T
-    residual_map = np.eye(len(cov)) - K @ H
-    posterior = residual_map @ cov @ residual_map.T + K @ R @ K.T
-    return mean + K @ innovation, (posterior + posterior.T) / 2, log_density(innovation, S)
+    K = gain(cov, H, S)
+    return mean + K @ innovation, joseph(cov, K, H, R), log_density(innovation, S)
+
+
+def gain(cov: Array, H: Array, S: Array) -> Array:
+    """Return the Kalman gain cov H' S^-1, (n, p).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        S is not positive definite.
+    """
+    if not len(S):
+        return cov @ H.T
+    return np.asarray(scipy.linalg.cho_solve(scipy.linalg.cho_factor(S, lower=True), H @ cov).T)
+
+
+def joseph(cov: Array, K: Array, H: Array, R: Array) -> Array:
+    """Return the covariance (n, n) after a measurement, (I - K H) cov (I - K H)' + K R K', exactly symmetric."""
+    left = np.eye(len(cov)) - K @ H
+    posterior = left @ cov @ left.T + K @ R @ K.T
+    return (posterior + posterior.T) / 2
+
+
+def regression(cross: Array, cov: Array) -> Array:
+    """Return the G (m, n) of E[a given b] = E[a] + G (b - E[b]), from cross = Cov(a, b) (m, n) and cov = Cov(b) (n, n).
+
+    `cov` may be singular; the pseudo-inverse is taken on the correlation scale, as in `split`.
+    """
+    deviations = np.sqrt(np.diag(cov))
+    scale = np.divide(1, deviations, out=np.zeros_like(deviations), where=deviations > 0)
+    inverse = np.linalg.pinv(cov * np.outer(scale, scale), rcond=RANK_TOLERANCE, hermitian=True)
+    return np.asarray(cross @ (scale[:, np.newaxis] * inverse * scale))
+
+
+def split(cov: Array, rows: Any) -> tuple[Array, Array]:
+    """Split a covariance into the part that drawing some components explains and the part that is left.
+
+    cov = spread spread' + left, with nothing left on `rows`: adding spread @ (standard normals) draws those components
+    and moves the others to their conditional means, whose covariance is `left`.
+
+    Parameters
+    ----------
+    cov : (n, n) array
+        Positive semidefinite.
+    rows : (r,) array of int
+        The components to draw; those without variance use up no random numbers.
+
+    Returns
+    -------
+    spread : (n, d) array
+        d is the rank of cov on `rows`.
+    left : (n, n) array
+        Exactly 0 on the rows and columns drawn.
+    """
+    drawn = rows[np.diag(cov)[rows] > 0]
+    deviations = np.sqrt(np.diag(cov)[drawn])
+    # on the correlation scale, so that noise of 1e-6 m beside 1 m is not taken for rounding
+    eigenvalues, eigenvectors = np.linalg.eigh(cov[np.ix_(drawn, drawn)] / np.outer(deviations, deviations))
+    kept = eigenvalues > RANK_TOLERANCE
+    spread = (cov[:, drawn] / deviations) @ (eigenvectors[:, kept] / np.sqrt(eigenvalues[kept]))
+    left = cov - spread @ spread.T
+    settled = np.diag(left) <= RANK_TOLERANCE * np.diag(cov)  # a component that the drawn ones determine
+    settled[rows] = True
+    left[settled, :] = left[:, settled] = 0
+    return spread, (left + left.T) / 2
 
 
 def log_density(deviation: Array, cov: Array) -> Array:
@@ -103,32 +168,6 @@ def log_density(deviation: Array, cov: Array) -> Array:
     whitened = scipy.linalg.solve_triangular(factor, deviation, lower=True, check_finite=False)
     log_determinant = 2 * np.log(np.diag(factor)).sum()
     return np.asarray(-0.5 * (np.sum(whitened**2, axis=0) + log_determinant + len(cov) * LOG_2PI))
-
-
-def sample(cov: Array, n_samples: int, rng: np.random.Generator) -> Array:
-    """Draw from N(0, cov), which may be singular.
-
-    Components without variance are exactly zero and use up no random numbers.
-
-    Parameters
-    ----------
-    cov : (n, n) array
-        Positive semidefinite.
-    n_samples : int
-        P, how many.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    (n, P) array
-    """
-    draws = np.zeros((len(cov), n_samples))
-    moving = np.flatnonzero(np.diag(cov) > 0)
-    if len(moving):
-        eigenvalues, eigenvectors = np.linalg.eigh(cov[np.ix_(moving, moving)])
-        factor = eigenvectors * np.sqrt(np.maximum(eigenvalues, 0))
-        draws[moving] = factor @ rng.standard_normal((len(moving), n_samples))
-    return draws
 
 
 def _column(vector: Array, like: Array) -> Array:

@@ -89,26 +89,43 @@ def test_log_density_refuses_a_singular_covariance():
         gaussian.log_density(np.zeros(2), np.ones((2, 2)))
 
 
-def test_sample_has_the_covariance_asked_for():
-    cov = covariance(np.random.default_rng(1), 4, 1.0)
-    cov[1], cov[:, 1] = 0, 0  # a component that does not move
-    n_samples = 40_000
-    draws = gaussian.sample(cov, n_samples, np.random.default_rng(2))
-    assert not draws[1].any()
-    # the sampling error of a covariance entry is sqrt((c_ii c_jj + c_ij^2) / N); 5 of them on 16 entries: odds of 1e-5
-    error = np.sqrt((np.outer(np.diag(cov), np.diag(cov)) + cov**2) / n_samples)
-    assert (np.abs(draws @ draws.T / n_samples - cov) <= 5 * error).all()
-    assert (np.abs(draws.mean(axis=1)) <= 5 * np.sqrt(np.diag(cov) / n_samples)).all()
+def test_split_explains_a_covariance_and_leaves_nothing_on_the_drawn():
+    cov = covariance(np.random.default_rng(1), 6, 1.0)
+    rows = np.array([0, 3, 4])
+    spread, left = gaussian.split(cov, rows)
+    np.testing.assert_allclose(spread @ spread.T + left, cov, atol=1e-12)
+    assert not left[rows].any()
+    assert not left[:, rows].any()
+    others = [1, 2, 5]
+    conditional = cov[np.ix_(others, others)] - cov[np.ix_(others, rows)] @ np.linalg.solve(
+        cov[np.ix_(rows, rows)], cov[np.ix_(rows, others)]
+    )
+    np.testing.assert_allclose(left[np.ix_(others, others)], conditional, atol=1e-12)
 
 
-def test_sample_of_a_rank_deficient_covariance_stays_in_its_range():
-    direction = np.array([1.0, -2.0])
-    draws = gaussian.sample(np.outer(direction, direction), 100, np.random.default_rng(0))
-    np.testing.assert_allclose(draws[1], -2 * draws[0], atol=1e-7)
+def test_split_of_components_without_variance_and_of_low_rank():
+    direction = np.array([1.0, -2.0, 0.0, 1e-6])
+    cov = np.outer(direction, direction)
+    spread, left = gaussian.split(cov, np.array([0, 1, 2]))
+    assert spread.shape == (4, 1)
+    np.testing.assert_allclose(spread @ spread.T, cov, rtol=1e-9, atol=0)
+    assert not left.any()  # the last component is determined by the drawn ones
+    spread, left = gaussian.split(np.zeros((3, 3)), np.arange(3))
+    assert spread.shape == (3, 0)
+    assert not left.any()
 
 
-def test_components_without_variance_use_up_no_random_numbers():
-    cov = np.diag([1.0, 0, 2.0])
-    with_still = gaussian.sample(cov, 7, np.random.default_rng(0))
-    without = gaussian.sample(cov[np.ix_([0, 2], [0, 2])], 7, np.random.default_rng(0))
-    np.testing.assert_array_equal(with_still[[0, 2]], without)
+def test_split_keeps_small_noise_beside_large():
+    cov = np.diag([1.0, 1e-20])
+    spread, left = gaussian.split(cov, np.arange(2))
+    np.testing.assert_allclose(spread @ spread.T, cov, rtol=1e-12, atol=0)
+    assert not left.any()
+
+
+def test_regression_on_a_singular_covariance():
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((5, 2)) * np.array([1, 1, 1e-7, 1, 0])[:, None]
+    joint = root @ root.T
+    a, b = slice(0, 2), slice(2, 5)
+    G = gaussian.regression(joint[a, b], joint[b, b])
+    np.testing.assert_allclose(G @ joint[b, b], joint[a, b], rtol=1e-6, atol=1e-12)

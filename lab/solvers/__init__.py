@@ -3,8 +3,8 @@
 ``SOLVERS`` names the particle solvers; ``resolve`` turns what a person types into one, a student's own included.
 """
 
-from lab.solvers.exact import kalman
-from lab.solvers.particle import particle_steps, sir, sis
+from lab.solvers.exact import Smoothed, kalman, smoother
+from lab.solvers.particle import guided, particle_steps, rbpf, sir, sis
 from lab.solvers.proposals import Cloud, prior
 from lab.solvers.protocol import Proposal, Solver, check_filtered
 from lab.solvers.registry import SOLVERS, resolve
@@ -13,12 +13,16 @@ __all__ = [
     "SOLVERS",
     "Cloud",
     "Proposal",
+    "Smoothed",
     "Solver",
     "check_filtered",
+    "guided",
     "kalman",
     "particle_steps",
     "prior",
+    "rbpf",
     "resolve",
     "sir",
     "sis",
+    "smoother",
 ]

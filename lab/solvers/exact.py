@@ -1,9 +1,11 @@
-"""The exact filter: FilterPy's predict and update over the rows that were seen.
+"""The exact filter and smoother: FilterPy's predict and update over the rows that were seen, and Rauch-Tung-Striebel.
 
 Question answered: what is p(x_k given z_1..z_k), exactly?  The H_k being given, the model is linear and Gaussian, so
 the Kalman filter is the Bayes solution, and what every particle filter is compared with.  When nothing is seen the
 update is skipped: a NaN would poison the state for ever.  Source: questions 1c and 1d of the handout.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -11,7 +13,7 @@ from filterpy.kalman import KalmanFilter
 from lab import gaussian
 from lab.problem import Problem
 from lab.result import Filtered
-from lab.validation import InputError
+from lab.validation import Array, InputError
 
 
 def kalman(problem: Problem) -> Filtered:
@@ -54,3 +56,51 @@ def kalman(problem: Problem) -> Filtered:
         covs.append(engine.P)
         log_evidence.append(log_evidence[-1] + increment)
     return Filtered(np.array(means), np.array(covs), np.array(log_evidence))
+
+
+class Smoothed(NamedTuple):
+    """What is known of every x_k given ALL measurements, and how each leans on the next.
+
+    means : (N, n) E[x_k given z_1..z_{N-1}] [m];  covs : (N, n, n) [m^2];
+    gains : (N - 1, n, n) with E[x_k given x_{k+1}, z] = means[k] + gains[k] (x_{k+1} - means[k+1]).
+    """
+
+    means: Array
+    covs: Array
+    gains: Array
+
+
+def smoother(problem: Problem, filtered: Filtered | None = None) -> Smoothed:
+    """Run the Rauch-Tung-Striebel smoother over the exact filter.
+
+    Parameters
+    ----------
+    problem : Problem
+    filtered : Filtered, optional
+        `kalman` on the same problem, or its first rows; run here when it is not given.
+
+    Returns
+    -------
+    Smoothed
+
+    Raises
+    ------
+    InputError
+        As `kalman`.
+
+    Notes
+    -----
+    gains = P_k F' (F P_k F' + Q)^+; the pseudo-inverse because a prediction is singular where the robot is known.
+    Source: Sarkka, Bayesian Filtering and Smoothing (2013), section 8.2.
+    """
+    filtered = kalman(problem) if filtered is None else filtered
+    model = problem.model
+    means, covs = filtered.means.copy(), filtered.covs.copy()
+    gains = np.zeros((len(means) - 1, *covs.shape[1:]))
+    for k in range(len(means) - 2, -1, -1):
+        mean, cov = gaussian.predict(filtered.means[k], filtered.covs[k], model.F, model.B, model.noise_cov)
+        gains[k] = gaussian.regression(filtered.covs[k] @ model.F.T, cov)
+        means[k] += gains[k] @ (means[k + 1] - mean)
+        smoothed = covs[k] + gains[k] @ (covs[k + 1] - cov) @ gains[k].T
+        covs[k] = (smoothed + smoothed.T) / 2
+    return Smoothed(means, covs, gains)

@@ -18,14 +18,16 @@ from typing import Any
 
 import numpy as np
 
-from lab import gaussian, resampling, weights
+from lab import resampling, weights
 from lab.problem import Problem
 from lab.resampling import Ancestors, Resampler
 from lab.result import Filtered, Step, collect
-from lab.solvers.proposals import Cloud, prior
+from lab.solvers.proposals import Cloud, GaussianProposal, delayed, optimal, prior, rbpf_optimal, rbpf_prior
 from lab.solvers.protocol import Proposal
-from lab.validation import InputError, real_array, whole_number
+from lab.validation import Array, InputError, real_array, whole_number
 
+GUIDED = {"delayed": delayed, "optimal": optimal}
+RAO_BLACKWELLIZED = {"optimal": rbpf_optimal, "prior": rbpf_prior}
 ROUNDING = 1e-9  # relative: equal weights may sum to an ESS just above P, and must still trigger at a threshold of 1
 
 
@@ -46,7 +48,8 @@ def particle_steps(
     rng : numpy.random.Generator
         All randomness.
     proposal : Proposal
-        Moves the cloud; `lab.solvers.prior`, or a student's own.
+        Moves the cloud; one of `lab.solvers.proposals`, or a student's own. Where it has a method
+        ``start(problem, n_particles, rng) -> Cloud``, the cloud of time 0 is its; otherwise all of x_0 is drawn.
     n_particles : int
         P, at least 1.
     ess_threshold : float
@@ -65,15 +68,15 @@ def particle_steps(
         raise InputError(f"ess_threshold must lie between 0 and 1, not {ess_threshold}.")
     scheme = resampling.resolve(resample)
     even = np.full(n_particles, 1 / n_particles)
-    start = problem.model.m0[:, np.newaxis] + gaussian.sample(problem.model.P0, n_particles, rng)
-    cloud, w = Cloud(start, np.log(even)), even
+    cloud, w = getattr(proposal, "start", prior.start)(problem, n_particles, rng), even
     lineage = np.arange(n_particles)  # of each particle, its ancestor at time 0
     survivors, log_evidence = n_particles, 0.0
-    yield Step(*weights.moments(cloud.particles, w), log_evidence, weights.ess(w), survivors, cloud)
+    yield _step(cloud, w, log_evidence, survivors)
     for k in range(1, problem.n_instants):
         if weights.ess(w) <= ess_threshold * n_particles * (1 + ROUNDING):
             ancestors = _checked(scheme(w, rng), n_particles)
-            cloud, lineage = Cloud(cloud.particles[:, ancestors], np.log(even)), lineage[ancestors]
+            cloud = replace(cloud, particles=cloud.particles[:, ancestors], log_weights=np.log(even))
+            lineage = lineage[ancestors]
             survivors = len(np.unique(lineage))
         cloud, increment = proposal(cloud, k, problem, rng)
         if np.shape(increment) != (n_particles,):
@@ -87,7 +90,13 @@ def particle_steps(
             raise InputError(f"At k = {k}: {error}") from None
         log_evidence += log_total
         cloud = replace(cloud, log_weights=log_weights - log_total)
-        yield Step(*weights.moments(cloud.particles, w), log_evidence, weights.ess(w), survivors, cloud)
+        yield _step(cloud, w, log_evidence, survivors)
+
+
+def _step(cloud: Cloud, w: Array, log_evidence: float, survivors: int) -> Step:
+    """Return the moments of the mixture of N(particle, cloud.cov), by the law of total covariance."""
+    mean, cov = weights.moments(cloud.particles, w)
+    return Step(mean, cov + cloud.cov, log_evidence, weights.ess(w), survivors, cloud)
 
 
 def sis(problem: Problem, rng: np.random.Generator, *, n_particles: int = 1000) -> Filtered:
@@ -150,11 +159,104 @@ def sir(
     -----
     Source: questions 6 and 7 of the handout; Gordon, Salmond and Smith (1993).
     """
-    return collect(
-        particle_steps(
-            problem, rng, proposal=prior, n_particles=n_particles, ess_threshold=ess_threshold, resample=resample
-        )
+    return _filter(problem, rng, prior, n_particles, ess_threshold, resample)
+
+
+def guided(
+    problem: Problem,
+    rng: np.random.Generator,
+    *,
+    n_particles: int = 1000,
+    proposal: str = "delayed",
+    ess_threshold: float = 0.5,
+    resample: str | Resampler = "systematic",
+) -> Filtered:
+    """Run a particle filter whose importance function looks at the measurement.
+
+    Parameters
+    ----------
+    problem : Problem
+    rng : numpy.random.Generator
+    n_particles : int
+        P, at least 1.
+    proposal : str
+        "delayed" leaves a landmark unsampled until it is first seen, "optimal" samples everything from the start.
+    ess_threshold, resample
+        As in `sir`.
+
+    Returns
+    -------
+    Filtered
+
+    Raises
+    ------
+    InputError
+        As `particle_steps`, or an unknown proposal.
+
+    Notes
+    -----
+    Source: question 9 of the handout; Doucet, Godsill and Andrieu (2000).
+    """
+    return _filter(problem, rng, _named(proposal, GUIDED), n_particles, ess_threshold, resample)
+
+
+def rbpf(
+    problem: Problem,
+    rng: np.random.Generator,
+    *,
+    n_particles: int = 1000,
+    proposal: str = "optimal",
+    ess_threshold: float = 0.5,
+    resample: str | Resampler = "systematic",
+) -> Filtered:
+    """Run the Rao-Blackwellized filter: the robot by particles, the landmarks by conditional Gaussians.
+
+    Parameters
+    ----------
+    problem : Problem
+    rng : numpy.random.Generator
+    n_particles : int
+        P, at least 1.
+    proposal : str
+        "optimal" draws the robot from p(r_k given r_0..r_{k-1}, z_1..z_k), "prior" from its dynamics.
+    ess_threshold, resample
+        As in `sir`.
+
+    Returns
+    -------
+    Filtered
+        Covariances by the law of total covariance, cross terms of robot and landmarks included.
+
+    Raises
+    ------
+    InputError
+        As `particle_steps`, or an unknown proposal.
+
+    Notes
+    -----
+    Source: question 10 of the handout; Montemerlo, Thrun, Koller and Wegbreit (2002); Murphy (1999).
+    """
+    return _filter(problem, rng, _named(proposal, RAO_BLACKWELLIZED), n_particles, ess_threshold, resample)
+
+
+def _filter(
+    problem: Problem,
+    rng: np.random.Generator,
+    proposal: Proposal,
+    n_particles: int,
+    ess_threshold: float,
+    resample: str | Resampler,
+) -> Filtered:
+    steps = particle_steps(
+        problem, rng, proposal=proposal, n_particles=n_particles, ess_threshold=ess_threshold, resample=resample
     )
+    return collect(steps)
+
+
+def _named(name: str, proposals: dict[str, GaussianProposal]) -> GaussianProposal:
+    if name not in proposals:
+        raise InputError(f"Unknown proposal {name!r}; known are {', '.join(proposals)}.")
+    return proposals[name]
 
 
 def _checked(ancestors: Any, n_particles: int) -> Ancestors:

@@ -1,10 +1,26 @@
 """Importance functions: how a cloud gets from instant k - 1 to k, and what that does to its weights.
 
-Question answered: from which density are the new particles drawn?  Each is a `Proposal`, so a student's own fits the
-same loop.
+Question answered: from which density are the new particles drawn, and what is left to algebra?  Every particle is a
+Gaussian N(mean, cov): what was sampled has no variance, what was not is known by its conditional mean, and ``cov`` is
+the same for all particles, because H, R and visibility do not depend on them.  So one step serves every filter here:
+
+    predict    mean' = F mean + B,  cov' = F cov F' + Q
+    draw       x_A ~ N(mean_A, cov_AA), the rest conditioned on x_A          the components A that are to be sampled
+    update     mean, cov given z_k;  log-weight += log N(z_k; H mean, H cov H' + R)
+
+The prior proposal draws before it updates (weight of the child), the optimal one updates first and then draws from
+p(x_A given x_{k-1}, z_k) (weight of the parent).  What A holds makes the filter:
+
+    everything                     prior, optimal
+    robot, landmarks once seen     delayed: a landmark never seen is still its prior, and is drawn from p(m given r, z)
+    robot                          rbpf_prior, rbpf_optimal: landmarks stay conditional Gaussians (Rao-Blackwell)
+
+Source: questions 3, 9 and 10 of the handout; Doucet, Godsill and Andrieu (2000).
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,45 +28,160 @@ from lab import gaussian
 from lab.problem import Problem
 from lab.validation import Array, InputError
 
+Rows = Any  # (d,) array of int: components of the state
+
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Weighted particles.
+    """Weighted particles, each of them N(particles[:, i], cov).
 
     Attributes
     ----------
     particles : (n, P) array
-        Dimension first [m].
+        Dimension first [m]: samples, and conditional means of what has not been sampled.
     log_weights : (P,) array
         Normalised: their exponentials sum to 1.
+    cov : (n, n) array
+        Conditional covariance that all particles share [m^2]; 0 in the rows and columns of what has been sampled.
     """
 
     particles: Array
     log_weights: Array
+    cov: Array
+
+    @property
+    def unsampled(self) -> Rows:
+        """Indices (d,) of the components that are known by their conditional Gaussian only."""
+        return np.flatnonzero(np.diag(self.cov) > 0)
 
 
-def prior(cloud: Cloud, k: int, problem: Problem, rng: np.random.Generator) -> tuple[Cloud, Array]:
-    """Draw from the prior dynamics p(x_k given x_{k-1}); the increment is then log p(z_k given x_k).
+@dataclass(frozen=True, eq=False)
+class StepLaw:
+    """One step before any random number is drawn: affine maps that all particles share, after x -> F x + B.
 
-    Components that cannot move are left alone, and when nothing is seen the increment is 0.
+    The theory runs on the same laws as the particles.
 
-    Raises
-    ------
-    InputError
-        The measurement noise covariance is singular, so that p(z_k given x_k) has no density.
-
-    Notes
-    -----
-    Source: questions 2b, 2c and 3 of the handout.
+    Attributes
+    ----------
+    draw_first : bool
+        Whether the draw comes before the update, as in the prior proposal.
+    spread : (n, d) array
+        The draw adds spread @ (d standard normals).
+    z, H, S, K : (p,), (p, n), (p, p), (n, p) arrays
+        The update weighs by N(z; H mean, S) and adds K (z - H mean).
+    cov : (n, n) array
+        The shared covariance afterwards.
     """
-    model = problem.model
-    moving = model.moving
-    particles = cloud.particles.copy()
-    noise = gaussian.sample(model.noise_cov[np.ix_(moving, moving)], particles.shape[1], rng)
-    particles[moving] = model.F[moving] @ cloud.particles + model.B[moving, np.newaxis] + noise
-    z, H, R = problem.seen(k)
-    try:
-        increment = gaussian.log_density(z[:, np.newaxis] - H @ particles, R)
-    except np.linalg.LinAlgError:
-        raise InputError(f"A particle filter needs R to be positive definite, which it is not at k = {k}.") from None
-    return Cloud(particles, cloud.log_weights), increment
+
+    draw_first: bool
+    spread: Array
+    z: Array
+    H: Array
+    S: Array
+    K: Array
+    cov: Array
+
+
+@dataclass(frozen=True)
+class GaussianProposal:
+    """An importance function that is linear and Gaussian, by two choices.
+
+    Attributes
+    ----------
+    look_ahead : bool
+        Whether z_k guides the draw (optimal) or only weighs it (prior).
+    sampled : function
+        (problem, k) -> components to be sampled by instant k.
+    """
+
+    look_ahead: bool
+    sampled: Callable[[Problem, int], Rows]
+
+    def start(self, problem: Problem, n_particles: int, rng: np.random.Generator) -> Cloud:
+        """Draw the cloud of time 0 from the prior; what is not to be sampled yet is conditioned on what is."""
+        model = problem.model
+        spread, left = gaussian.split(model.P0, self.sampled(problem, 0))
+        particles = np.repeat(model.m0[:, np.newaxis], n_particles, axis=1)
+        _add(particles, spread, rng.standard_normal((spread.shape[1], n_particles)))
+        return Cloud(particles, np.full(n_particles, -np.log(n_particles)), left)
+
+    def start_law(self, problem: Problem) -> tuple[Array, Array]:
+        """Return mean (n,) and covariance (n, n) of a particle of time 0."""
+        spread, _ = gaussian.split(problem.model.P0, self.sampled(problem, 0))
+        return problem.model.m0, spread @ spread.T
+
+    def law(self, cov: Array, k: int, problem: Problem) -> StepLaw:
+        """Return the step to k of particles whose shared covariance is `cov` at k - 1.
+
+        Raises
+        ------
+        InputError
+            S is singular, so that z_k has no density.
+        """
+        model, rows = problem.model, self.sampled(problem, k)
+        z, H, R = problem.seen(k)
+        _, predicted = gaussian.predict(model.m0, cov, model.F, model.B, model.noise_cov)
+        if not self.look_ahead:
+            spread, predicted = gaussian.split(predicted, rows)
+        S = H @ predicted @ H.T + R
+        try:
+            K = gaussian.gain(predicted, H, S)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                f"The covariance of z given a particle (R, where everything is sampled) must be positive definite for"
+                f" its density to exist, which it is not at k = {k}."
+            ) from None
+        updated = gaussian.joseph(predicted, K, H, R)
+        if self.look_ahead:
+            spread, updated = gaussian.split(updated, rows)
+        return StepLaw(not self.look_ahead, spread, z, H, S, K, updated)
+
+    def laws(self, problem: Problem) -> Iterator[StepLaw]:
+        """Yield the steps to k = 1, 2, ..., which depend on what is seen and not on the particles."""
+        _, cov = gaussian.split(problem.model.P0, self.sampled(problem, 0))
+        for k in range(1, problem.n_instants):
+            law = self.law(cov, k, problem)
+            cov = law.cov
+            yield law
+
+    def __call__(self, cloud: Cloud, k: int, problem: Problem, rng: np.random.Generator) -> tuple[Cloud, Array]:
+        """Return the cloud moved to instant k and its log-weight increments (P,)."""
+        law, model, moving = self.law(cloud.cov, k, problem), problem.model, problem.model.moving
+        particles = cloud.particles.copy()
+        particles[moving] = model.F[moving] @ cloud.particles + model.B[moving, np.newaxis]
+        normals = rng.standard_normal((law.spread.shape[1], particles.shape[1]))
+        if law.draw_first:
+            _add(particles, law.spread, normals)
+        innovation = law.z[:, np.newaxis] - law.H @ particles
+        increment = gaussian.log_density(innovation, law.S)
+        _add(particles, law.K, innovation)
+        if not law.draw_first:
+            _add(particles, law.spread, normals)
+        return Cloud(particles, cloud.log_weights, law.cov), increment
+
+
+def _everything(problem: Problem, k: int) -> Rows:
+    return np.arange(len(problem.model.m0))
+
+
+def _robot(problem: Problem, k: int) -> Rows:
+    return np.arange(2)
+
+
+def _robot_and_seen(problem: Problem, k: int) -> Rows:
+    """Return the robot's components and both of every landmark of which anything has been seen by instant k."""
+    landmarks = (~np.isnan(problem.z[: k + 1])).any(axis=0).reshape(-1, 2).any(axis=1)
+    return np.concatenate([[0, 1], 2 + np.flatnonzero(np.repeat(landmarks, 2))])
+
+
+def _add(particles: Array, map_: Array, deviations: Array) -> None:
+    """Add map_ @ deviations in place, to the components that it touches: landmarks mostly stay as they are."""
+    rows = np.flatnonzero(map_.any(axis=1))
+    particles[rows] += map_[rows] @ deviations
+
+
+prior = GaussianProposal(look_ahead=False, sampled=_everything)
+optimal = GaussianProposal(look_ahead=True, sampled=_everything)
+delayed = GaussianProposal(look_ahead=True, sampled=_robot_and_seen)
+rbpf_prior = GaussianProposal(look_ahead=False, sampled=_robot)
+rbpf_optimal = GaussianProposal(look_ahead=True, sampled=_robot)

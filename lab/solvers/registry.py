@@ -22,11 +22,11 @@ from types import ModuleType
 from typing import Any
 
 from lab.result import Filtered
-from lab.solvers.particle import sir, sis
+from lab.solvers.particle import guided, rbpf, sir, sis
 from lab.solvers.protocol import Solver
 from lab.validation import InputError
 
-SOLVERS: dict[str, Solver] = {"sis": sis, "sir": sir}
+SOLVERS: dict[str, Solver] = {"sis": sis, "sir": sir, "guided": guided, "rbpf": rbpf}
 
 LABEL = r"[A-Za-z0-9_.-]+"
 SPECIFICATION = re.compile(

@@ -1,0 +1,189 @@
+"""How a particle filter will fare, before a particle is drawn: its degeneracy, and its Monte-Carlo error.
+
+Question answered: how many particles would it take?  A proposal of `lab.solvers.proposals` moves and weighs its
+particles by affine Gaussian maps, so the moments of its unnormalised weight W over all the particles that it could have
+drawn are Gaussian integrals.  Observing every z_k c times gives log E[W^c]: c = 1 is the evidence, and
+
+    lim ESS / N = E[W]^2 / E[W^2]   without resampling, N to infinity.
+
+A finite cloud overstates its ESS once that falls near 1/N; the bias is governed by E[W^4] / E[W^2]^2.
+
+The error of the bootstrap filter (prior proposal, multinomial resampling at every step) has a central limit theorem,
+
+    N Var(mean_k) -> sum over s <= k of  integral p(x_s given z_0:k)^2 / p(x_s given z_0:s-1) D_s(x_s)^2 dx_s,
+    D_s(x_s) = E[x_k given x_s, z_0:k] - E[x_k given z_0:k],
+
+whose terms are Gaussian integrals of Kalman and smoother moments.  For systematic or ESS-triggered resampling the true
+error is usually below it; that is an observation and no theorem.
+Source: Chopin and Papaspiliopoulos, An Introduction to Sequential Monte Carlo (2020), chapter 11.
+"""
+
+import numpy as np
+
+from lab import gaussian
+from lab.problem import Problem
+from lab.result import Filtered
+from lab.solvers.exact import kalman, smoother
+from lab.solvers.proposals import GaussianProposal, delayed, optimal, prior, rbpf_optimal, rbpf_prior
+from lab.validation import Array, InputError, whole_number
+
+PROPOSALS = {
+    "prior": prior,
+    "optimal": optimal,
+    "delayed": delayed,
+    "rbpf-prior": rbpf_prior,
+    "rbpf-optimal": rbpf_optimal,
+}
+VALID_GAP = 0.3  # exact standard deviations: beyond it the central limit theorem says nothing about a real cloud
+
+
+def log_weight_moment(problem: Problem, proposal: str | GaussianProposal, power: int) -> Array:
+    """Return log E[W_k^power] for every instant, W_k the unnormalised weight of a particle never resampled.
+
+    Parameters
+    ----------
+    problem : Problem
+    proposal : str or GaussianProposal
+        "prior", "optimal", "delayed", "rbpf-prior", "rbpf-optimal", or the object itself.
+    power : int
+        c, at least 1; 1 gives the log-evidence, 2 and 4 govern degeneracy.
+
+    Returns
+    -------
+    (N,) array
+        Natural logarithms; row 0 is 0.
+
+    Raises
+    ------
+    InputError
+        Unknown proposal, or z_k has no density under it.
+    """
+    law_of, model = _resolve(proposal), problem.model
+    mean, cov = law_of.start_law(problem)  # of a particle tilted by W^power
+    logs = [0.0]
+    for law in law_of.laws(problem):
+        mean, cov = model.F @ mean + model.B, model.F @ cov @ model.F.T
+        noise = law.spread @ law.spread.T
+        if law.draw_first:
+            cov = cov + noise
+        # N(z; H x, S)^c is N(z; H x, S / c) times a constant
+        p = len(law.z)
+        _, log_determinant = np.linalg.slogdet(law.S)
+        constant = -0.5 * ((power - 1) * (p * gaussian.LOG_2PI + log_determinant) + p * np.log(power))
+        mean, cov, log_evidence = gaussian.update(mean, cov, law.z, law.H, law.S / power)
+        logs.append(logs[-1] + float(log_evidence) + float(constant))
+        after = np.eye(len(mean)) - law.K @ law.H  # of the particle's own update
+        mean, cov = after @ mean + law.K @ law.z, after @ cov @ after.T
+        if not law.draw_first:
+            cov = cov + noise
+    return np.array(logs)
+
+
+def forecast(problem: Problem, proposal: str | GaussianProposal) -> Array:
+    """Return log10 of the limiting ESS / N of a filter that never resamples.
+
+    Parameters
+    ----------
+    problem, proposal
+        As `log_weight_moment`.
+
+    Returns
+    -------
+    (N,) array
+        Row 0 is 0; from the start, so between resamplings the fall counts from the last one.
+    """
+    moments = [log_weight_moment(problem, proposal, power) for power in (1, 2)]
+    # rounding must not give more than N
+    return np.asarray(np.minimum((2 * moments[0] - moments[1]) / np.log(10), 0))
+
+
+def particles_needed(problem: Problem, proposal: str | GaussianProposal, ess: float = 10) -> Array:
+    """Return log10 of the N at which the limiting ESS is `ess`, for every instant, (N,).
+
+    Raises
+    ------
+    InputError
+        `ess` is not at least 1.
+    """
+    if not ess >= 1:
+        raise InputError(f"ess must be at least 1, not {ess}.")
+    return np.asarray(np.log10(ess) - forecast(problem, proposal))
+
+
+def reach(problem: Problem, proposal: str | GaussianProposal, n_particles: int, ess: float = 10) -> int:
+    """Return the last instant up to which N particles keep a limiting ESS of at least `ess` without resampling."""
+    size = whole_number("n_particles", n_particles, at_least=1)
+    short = particles_needed(problem, proposal, ess) > np.log10(size)
+    return int(np.argmax(short)) - 1 if short.any() else len(short) - 1
+
+
+def predicted_error(problem: Problem, n_particles: int) -> tuple[Array, Array]:
+    """Return the standard deviation of the bootstrap filter's mean, and the N that it takes to predict it.
+
+    Parameters
+    ----------
+    problem : Problem
+    n_particles : int
+        N, at least 1.
+
+    Returns
+    -------
+    stds : (N, n) array
+        Of each component of the mean [m]; NaN where it would exceed 0.3 exact standard deviations, where a central
+        limit theorem says nothing about a real cloud.
+    needed : (N,) array
+        The number of particles from which no component of instant k exceeds that; infinite where it overflows.
+    """
+    size = whole_number("n_particles", n_particles, at_least=1)
+    exact = kalman(problem)
+    log_variances = asymptotic_log_variance(problem, exact)
+    uncertain = exact.stds > 0
+    ratios = np.full(log_variances.shape, -np.inf)  # log of N Var(mean) / exact variance
+    ratios[uncertain] = log_variances[uncertain] - 2 * np.log(exact.stds[uncertain])
+    with np.errstate(over="ignore"):
+        needed = np.exp(ratios.max(axis=1)) / VALID_GAP**2
+        stds = np.exp((log_variances - np.log(size)) / 2)
+    stds[ratios - np.log(size) > 2 * np.log(VALID_GAP)] = np.nan
+    return stds, needed
+
+
+def asymptotic_log_variance(problem: Problem, exact: Filtered) -> Array:
+    """Return log lim N Var(mean_k) of the bootstrap filter, (N, n); -inf for a component that is known."""
+    model, logs = problem.model, np.full(exact.means.shape, -np.inf)
+    predictions = [(model.m0, model.P0)]
+    for k in range(len(exact.means) - 1):
+        predictions.append(gaussian.predict(exact.means[k], exact.covs[k], model.F, model.B, model.noise_cov))
+    for k in range(len(exact.means)):
+        past = smoother(problem, Filtered(exact.means[: k + 1], exact.covs[: k + 1], exact.log_evidence[: k + 1]))
+        lean = exact.covs[k]  # Cov(x_k, x_s given z_0:k), walked back from s = k
+        for s in range(k, -1, -1):
+            if s < k:
+                lean = lean @ past.gains[s].T
+            logs[k] = np.logaddexp(logs[k], _log_term(*predictions[s], past.means[s], past.covs[s], lean))
+    return logs
+
+
+def _log_term(prior_mean: Array, prior_cov: Array, mean: Array, cov: Array, lean: Array) -> Array:
+    """Return the logarithms (n,) of one instant's term, in directions that the prediction leaves uncertain."""
+    spread, _ = gaussian.split(prior_cov, np.arange(len(prior_mean)))
+    directions = np.linalg.pinv(spread)  # y = directions (x - prior mean) is N(0, I) under the prediction
+    y_mean, y_cov = directions @ (mean - prior_mean), directions @ cov @ directions.T
+    # p^2 / q, N(y; m, C)^2 / N(y; 0, I), is a constant times N(y; tilted_mean, tilted_cov)
+    precision = np.linalg.inv(y_cov)
+    tilted_cov = np.linalg.inv(2 * precision - np.eye(len(y_mean)))
+    tilted_mean = tilted_cov @ (2 * precision @ y_mean)
+    log_constant = 0.5 * (np.linalg.slogdet(tilted_cov)[1] - 2 * np.linalg.slogdet(y_cov)[1])
+    log_constant += 0.5 * tilted_mean @ (2 * precision @ y_mean) - y_mean @ precision @ y_mean
+    regression = lean @ directions.T @ precision
+    offset = regression @ (tilted_mean - y_mean)
+    variances = np.einsum("ij,jk,ik->i", regression, tilted_cov, regression) + offset**2
+    with np.errstate(divide="ignore"):
+        return np.asarray(log_constant + np.log(np.maximum(variances, 0)))
+
+
+def _resolve(proposal: str | GaussianProposal) -> GaussianProposal:
+    if isinstance(proposal, GaussianProposal):
+        return proposal
+    if proposal not in PROPOSALS:
+        raise InputError(f"Unknown proposal {proposal!r}; known are {', '.join(PROPOSALS)}.")
+    return PROPOSALS[proposal]
