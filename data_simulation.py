@@ -538,6 +538,8 @@ def animate(
         raise FileNotFoundError(f"the folder {target.parent} does not exist")
     if target and target.is_dir():
         raise IsADirectoryError(f"{target} is a folder")
+    if target and not os.access(target.parent, os.W_OK):
+        raise PermissionError(f"the folder {target.parent} cannot be written")
     from matplotlib import pyplot as plt
     from matplotlib.animation import FFMpegWriter, FuncAnimation
 

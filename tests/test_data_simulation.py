@@ -662,6 +662,7 @@ def _drawing(monkeypatch):
     monkeypatch.setitem(matplotlib.rcParams, "savefig.dpi", 40)  # small frames save faster
     from matplotlib import pyplot as plt
 
+    plt.close("all")
     yield
     assert len(plt.get_fignums()) <= 1
     plt.close("all")
@@ -922,6 +923,10 @@ def test_bad_arguments_of_animate(tmp_path, monkeypatch):
     ):
         with pytest.raises(error, match=f"^{message}$"):
             animate(simulation, path)
+    with monkeypatch.context() as read_only:
+        read_only.setattr(os, "access", lambda folder, mode: False)
+        with pytest.raises(PermissionError, match=r"^the folder \. cannot be written$"):
+            animate(simulation, "film.gif")
     for interval in (0, -1, math.nan, "slow", True):
         with pytest.raises(ValueError, match=r"^interval must be "):
             animate(simulation, interval=interval)
