@@ -403,7 +403,7 @@ def _place(spots: list[tuple[float, float]], half: tuple[float, float], boxes: l
         return sum(abs(spot[0] - x) < half[0] + dx and abs(spot[1] - y) < half[1] + dy for x, y, dx, dy in boxes)
 
     best = min(spots, key=clashes)
-    boxes.append((*best, *half))
+    boxes += 4 * [(*best, *half)]  # another label there would be worse than a line through this one
     return best
 
 
@@ -418,7 +418,7 @@ def _stage(sim: Simulation, field_of_view: str | Rule) -> tuple[Figure, Callable
     measured = robot + sim.Z.reshape(sim.M, 2, sim.N)
     drawn = np.vstack([robot.T, sim.CC, *landmarks.swapaxes(1, 2), *measured.swapaxes(1, 2)])
     low, high = np.nanmin(drawn, axis=0), np.nanmax(drawn, axis=0)
-    reach = 0.57 * max(*(high - low), 1.0)
+    reach = 0.6 * max(*(high - low), 1.0)
     fig, ax = plt.subplots(figsize=(7, 8.4), layout="constrained")
     ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     ax.set(xlim=np.array([-reach, reach]) + (low + high)[0] / 2, ylim=np.array([-reach, reach]) + (low + high)[1] / 2)
@@ -470,13 +470,14 @@ def _stage(sim: Simulation, field_of_view: str | Rule) -> tuple[Figure, Callable
                 label.set_visible(bool(seen[m, k]))
             if seen[m, k]:
                 # Beside its own leg, first on the side where the other leg is not; horizontal legs coincide, so
-                # l goes where the last shorter one has ended.
-                aside = [(side, part) for side in (1, -1, 2.6, -2.6) for part in (0.5, 0.65, 0.35, 0.8, 0.2, 0.92)]
+                # l goes where the last shorter one has ended, if there is room.
+                parts = (0.5, 0.6, 0.4, 0.7, 0.3, 0.85, 0.15, 1)
+                aside = [(side, part) for side in (1, -1, 2.2, -2.2, 3.4, -3.4) for part in parts]
                 side_x = math.copysign(1, end_x - x)
                 shorter = [e for e in ends[seen[:, k], 0] if 0 < side_x * (e - x) < abs(end_x - x)]
                 start = max(shorter, key=lambda e: abs(e - x), default=x)
                 below, right = math.copysign(half[1] + 2 * point, y - end_y), side_x * (half[0] + 2 * point)
-                spots = [(start + part * (end_x - start), y + side * below) for side, part in aside]
+                spots = [(b + part * (end_x - b), y + side * below) for b in (start, x) for side, part in aside]
                 labels[2 * m].set_position(_place(spots, half, boxes))
                 spots = [(end_x + side * right, y + part * (end_y - y)) for side, part in aside]
                 labels[2 * m + 1].set_position(_place(spots, half, boxes))
@@ -603,7 +604,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, help="the same seed gives the same experiment")
     options = parser.parse_args(arguments)
     try:
-        simulation = data_simulation(rng=options.seed)
+        simulation = data_simulation(scenario=HANDOUT, rng=options.seed)
         if options.file:
             animate(simulation, options.file)
         elif not _show(simulation, HANDOUT.field_of_view):

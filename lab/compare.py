@@ -16,9 +16,12 @@ Source: question 8 of the handout.
 """
 
 import hashlib
+import signal
+import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -180,7 +183,9 @@ def compare(
         for unit in sorted(units, key=lambda unit: -unit.n_particles)  # long ones first: workers end together
     )
     done = {}
-    for record in joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks):
+    with _deaf_to_interrupts():
+        results = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
+    for record in results:
         done[record.unit] = record
         if on_done:
             on_done(record)
@@ -270,7 +275,21 @@ def _described(error: BaseException) -> str:
     library = ("site-packages", str(Path(__file__).parent))
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not any(part in f.filename for part in library)]
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return " ".join(f"{type(error).__name__}: {error}{where}".split())
+    text = " ".join(f"{type(error).__name__}: {error}{where}".split())
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")  # lone surrogates fit in no file
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Start processes that leave Ctrl-C to this one, which ends them; otherwise each would print its own traceback."""
+    if threading.current_thread() is not threading.main_thread():  # elsewhere Python sets no handlers
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # processes inherit no other handler than this
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _first(condition: Any) -> float:

@@ -41,6 +41,7 @@ FLOORS = {
 SIDEWAYS = {
     "lab.problem": {"lab.records"},  # Experiment.load and save
     "lab.plots": {"lab.compare"},  # a Comparison is a result
+    "lab.theory": {"lab.solvers"},  # the laws of the proposals, and the exact moments
     "lab.cli": {"lab.sweep", "lab.findings", "lab.checks", "lab.release", "lab.ekfslam.app"},
     "lab.__main__": {"lab.cli"},
 }

@@ -8,6 +8,7 @@ from typer import TyperException
 
 import lab
 from lab.cli.compare import compare
+from lab.cli.output import RunError
 from lab.cli.run import run
 from lab.cli.simulate import simulate
 from lab.validation import InputError
@@ -55,18 +56,19 @@ def execute(arguments: Sequence[str] | None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a name that the terminal cannot show is no reason to stop
+    status = MISUSED
     try:
-        status: int = app(arguments, prog_name="slam-lab", standalone_mode=False) or 0
+        status = app(arguments, prog_name="slam-lab", standalone_mode=False) or 0
         if status == INTERRUPTED:  # typer swallows what caused it
             raise KeyboardInterrupt
         return status
     except InputError as error:
         message = str(error)
+    except RunError as error:
+        message, status = str(error), FAILED
     except TyperException as error:
         message = error.format_message() if hasattr(error, "format_message") else str(error)
-    except BrokenPipeError:
-        return FAILED
     except OSError as error:
         message = f"{error.filename or 'The output'} cannot be written: {error.strerror or error}."
     print(f"slam-lab: {message.rstrip('.')}.", file=sys.stderr)
-    return MISUSED
+    return status

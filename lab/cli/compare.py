@@ -43,7 +43,7 @@ def compare(
     sizes = options.parse_particles(particles)
     arguments = {
         "experiment": experiment,
-        "scenario": scenario,
+        "scenario": None if experiment else scenario or options.DEFAULT_SCENARIO,
         "solvers": solvers,
         "landmark-noise": landmark_noise,
         "particles": particles,
@@ -76,6 +76,7 @@ def _run(
     from concurrent.futures.process import BrokenProcessPool
 
     import lab.compare
+    from lab.cli.output import RunError
 
     with _progress() as progress:
         # the work of a run grows with N, beside an overhead of about 1000 particles' worth
@@ -91,14 +92,10 @@ def _run(
                 on_done=lambda record: progress.advance(bar, record.unit.n_particles + 1000),
             )
         except BrokenProcessPool:
-            died = True
-    if died:
-        typer.echo(
-            "slam-lab: a worker process died: it was killed, ran out of memory, or a solver ended Python itself;"
-            " nothing is written.",
-            err=True,
-        )
-    raise typer.Exit(1)
+            raise RunError(
+                "a worker process died: it was killed, ran out of memory, or a solver ended Python itself;"
+                " nothing is written."
+            ) from None
 
 
 def _draw(folder: Any, comparison: "Comparison", source: "Experiment") -> None:

@@ -21,11 +21,11 @@ def a_path(text: str) -> Path:
 
     Raises
     ------
-    InputError
+    typer.BadParameter
         The text is empty.
     """
     if not text:
-        raise InputError("The name of a file or folder is empty.")
+        raise typer.BadParameter("the name is empty.")
     return Path(text)
 
 
@@ -100,7 +100,11 @@ def load_experiment(file: Path | None, scenario: str | None, seed: int, landmark
         experiment = Experiment.from_simulation(simulate_scenario(name, seed))
     if landmark_noise == 0:
         return experiment
-    return Experiment(experiment.problem.with_landmark_noise(landmark_noise), experiment.truth, experiment.centre)
+    try:
+        problem = experiment.problem.with_landmark_noise(landmark_noise)
+    except OverflowError:
+        raise InputError(f"--landmark-noise is too large: {landmark_noise}.") from None
+    return Experiment(problem, experiment.truth, experiment.centre)
 
 
 def parse_particles(text: str) -> list[int]:
@@ -135,6 +139,8 @@ def parse_solvers(texts: Iterable[str], experiment: "Experiment") -> "dict[str, 
 
     solvers: dict[str, Solver] = {}
     for text in texts:
+        if not text.strip():
+            raise InputError("--solvers has an empty entry: a comma too many.")
         if text.partition("=")[2].strip() == "kalman" or text.strip() == "kalman":
             raise InputError("kalman is what the others are compared with: it always runs, and is no choice here.")
         label, solver = resolve(text)

@@ -25,6 +25,10 @@ PACKAGES = ("numpy", "scipy", "filterpy", "matplotlib", "pandas", "joblib")
 UNBOUNDED = 10_000  # columns of a file, which has no width
 
 
+class RunError(Exception):
+    """What was asked for could not be computed, through no fault of the command: one sentence, and status 1."""
+
+
 def console() -> Console:
     """Return a console for standard output: as wide as the terminal, or as its contents where there is none."""
     out = Console(highlight=False)
@@ -33,11 +37,11 @@ def console() -> Console:
 
 @contextmanager
 def deaf_reader() -> Iterator[None]:
-    """Let whoever reads the standard output stop reading, as `head` does, and go on: results are still to be written."""
+    """Go on when whoever reads the standard output stops, as `head` does: results are still to be written."""
     try:
         yield
         sys.stdout.flush()
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # the second is rich's answer to the first
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

@@ -8,11 +8,10 @@ from lab import plots
 from lab.compare import Comparison
 from lab.plots.comparison import ABREAST
 from lab.plots.corridors import MOST_LANDMARKS
-from lab.plots.style import Figure, new_figure
+from lab.plots.style import new_figure, save_png
 from lab.problem import Experiment
 from lab.result import Filtered
 
-RESOLUTION = 120  # dots per inch
 LONGEST = 60  # characters of a label in a file's name
 
 
@@ -39,12 +38,12 @@ def write_comparison(
     spread = "one run" if runs == 1 else f"means over {runs} runs, with standard errors"
     figure.suptitle(f"Particle moments against the exact ones: {spread}")
     plots.legend_below(figure, axes[0])
-    _save(figure, folder / "gap.png", "Gaps of mean and covariance to the exact filter against N, log-log.")
+    save_png(figure, folder / "gap.png", "Gaps of mean and covariance to the exact filter against N, log-log.")
     on_done(1, 2 + len(solvers))
 
     figure = new_figure(max(3.6 * min(len(solvers), ABREAST), 6), 0.8 + 5.4 * -(-len(solvers) // ABREAST))
     plots.draw_ess(figure, comparison)
-    _save(figure, folder / "ess.png", "Effective sample size and living ancestors of each filter over time.")
+    save_png(figure, folder / "ess.png", "Effective sample size and living ancestors of each filter over time.")
     on_done(2, 2 + len(solvers))
 
     for i, (solver, suffix) in enumerate(_suffixes(solvers).items()):
@@ -63,12 +62,12 @@ def write_estimate(
     rows = min(exact.means.shape[1] // 2, 1 + MOST_LANDMARKS)
     figure = new_figure(10, 1.4 + 1.6 * rows)
     plots.draw_corridors(figure, filtered, exact, experiment.truth, label=label)
-    _save(figure, folder / f"corridors{suffix}.png", f"Corridors of three standard deviations over time: {label}.")
+    save_png(figure, folder / f"corridors{suffix}.png", f"Corridors of three standard deviations over time: {label}.")
     figure = new_figure(7.5, 7.5)
     ax = figure.subplots()
     plots.draw_map(ax, filtered, exact, experiment.truth, label=label)
     plots.legend_below(figure, ax)
-    _save(figure, folder / f"map{suffix}.png", f"Map at the last instant with 99 % ellipses: {label}.")
+    save_png(figure, folder / f"map{suffix}.png", f"Map at the last instant with 99 % ellipses: {label}.")
 
 
 def _suffixes(solvers: list[str]) -> dict[str, str]:
@@ -81,7 +80,3 @@ def _suffixes(solvers: list[str]) -> dict[str, str]:
             stem, number = f"{plain}-{number}", number + 1
         suffixes[solver] = stem
     return suffixes
-
-
-def _save(figure: Figure, path: Path, description: str) -> None:
-    figure.savefig(path, dpi=RESOLUTION, metadata={"Description": description})

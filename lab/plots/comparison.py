@@ -68,6 +68,10 @@ def draw_gap(ax: Axes, comparison: Comparison, metric: str = "mean_gap") -> Axes
     plain_log_ticks(ax.xaxis)
     ax.xaxis.set_major_locator(FixedLocator(ticks))
     ax.xaxis.set_minor_locator(NullLocator())
+    if not len(shown):
+        reason = "the gap is zero" if summary["runs"].any() else "every run failed"
+        ax.text(0.5, 0.5, reason, transform=ax.transAxes, ha="center", va="center", color="0.4")
+        ax.set_ylim(0.1, 1)
     low, high = ax.get_ylim()
     widen = max(1.0, np.sqrt(10 * low / high))  # a decade at least, so that the axis has numbers
     ax.set_ylim(low / widen, high * widen)
@@ -115,15 +119,17 @@ def draw_ess(figure: Figure, comparison: Comparison) -> list[Axes]:
     for ax in figure.axes:
         plain_log_ticks(ax.yaxis)
         ax.grid(visible=True, linewidth=0.3)
-    figure.suptitle(_caption(comparison, sizes), fontsize="medium")
+    figure.suptitle(_caption(comparison, sizes))
     legend_below(figure, *(pair[0] for pair in pairs))
     return [ax for pair in pairs for ax in pair]
 
 
 def _caption(comparison: Comparison, sizes: list[int]) -> str:
     runs = 1 + max(record.unit.run for record in comparison.records)
-    text = "one run" if runs == 1 else f"medians over {runs} runs, bands from the lowest run to the highest"
-    return text if len(sizes) <= MOST_SIZES else f"{text}\n({MOST_SIZES} of {len(sizes)} numbers of particles)"
+    text = "one run" if runs == 1 else f"medians over {runs} runs,\nbands from the lowest run to the highest"
+    if len(sizes) > MOST_SIZES:
+        text += f", {MOST_SIZES} of {len(sizes)} numbers of particles"
+    return f"Health of the cloud: {text}"
 
 
 def _draw_health(ax: Axes, comparison: Comparison, solver: str, sizes: list[int], name: str) -> None:

@@ -87,7 +87,7 @@ def draw_corridors(
     for i, (ax, name) in enumerate(zip(axes, component_names(n), strict=False)):
         _draw_component(ax, instants, exact, i, color=EXACT, linestyle="-", label="exact mean, ±3 std")
         if filtered is not None:
-            words = f"{wrapped(label, 44)} mean, ±3 std"
+            words = f"{wrapped(label, 50)} mean, ±3 std"
             _draw_component(ax, instants, filtered, i, color=ESTIMATE, linestyle="--", label=words)
         if truth is not None:
             ax.plot(instants, truth[:, i], color=TRUTH, linestyle=":", linewidth=1.6, label="truth")

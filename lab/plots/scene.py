@@ -52,6 +52,9 @@ def draw_map(
     if filtered is not None:
         _draw_estimate(ax, filtered, k, color=ESTIMATE, linestyle="--", marker="s", label=wrapped(label))
         marks.append(filtered.means[k])
+        for i in range(0, len(exact.means[k]), 2):  # which estimate belongs to which landmark
+            ends = np.array([exact.means[k, i : i + 2], filtered.means[k, i : i + 2]])
+            ax.plot(*ends.T, color=ESTIMATE, linewidth=0.6)
     if truth is not None:
         ax.plot(truth[: k + 1, 0], truth[: k + 1, 1], color=TRUTH, linestyle=":", linewidth=1, label="true path")
         ax.plot(
@@ -72,7 +75,7 @@ def _draw_estimate(
     mean, cov = filtered.means[k], filtered.covs[k]
     patches = [ellipse(ax, mean[i : i + 2], cov[i : i + 2, i : i + 2], color=color) for i in range(0, len(mean), 2)]
     for patch in patches:
-        patch.set_linestyle(linestyle)
+        patch.set(linestyle=linestyle)
     points = ax.plot(
         *mean.reshape(-1, 2).T, color=color, linestyle="none", marker=marker, markersize=6, fillstyle="none"
     )

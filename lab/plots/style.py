@@ -5,6 +5,7 @@ of Okabe and Ito in an order whose greys differ.  Axes name their unit in bracke
 """
 
 import re
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 EXACT = "black"
 TRUTH = "#7a7a7a"
 ESTIMATE = "#D55E00"
+
+RESOLUTION = 120  # dots per inch
 
 
 class Look(NamedTuple):
@@ -54,6 +57,11 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def save_png(figure: Figure, path: Path, description: str) -> None:
+    """Write a figure as PNG with a description inside, for those who cannot see it."""
+    figure.savefig(path, format="png", dpi=RESOLUTION, metadata={"Description": description})
+
+
 def component_names(n: int) -> list[str]:
     """Return what to write on the axis of each of the n state components, units included."""
     landmarks = [f"$m_{{{i},{axis}}}$ [m]" for i in range(1, n // 2) for axis in "xy"]
@@ -79,10 +87,10 @@ def legend_below(figure: Figure, *axes: Axes) -> Legend:
             own[label] = (*own.get(label, ()), handle)
         entries = own | entries
     longest = max((len(line) for label in entries for line in label.splitlines()), default=1)
-    columns = int(11 * figure.get_figwidth() / (longest + 8))  # 11 characters an inch, 8 for the sample
-    return figure.legend(
-        list(entries.values()), list(entries), loc="outside lower center", ncols=max(1, min(columns, len(entries)))
-    )
+    columns = max(1, int(13 * figure.get_figwidth() / (longest + 7)))  # 13 characters an inch, 7 for the sample
+    rows = -(-len(entries) // columns)
+    handles: Any = list(entries.values())  # a tuple of artists is drawn as one sample, which the stubs do not know
+    return figure.legend(handles, list(entries), loc="outside lower center", ncols=-(-len(entries) // max(rows, 1)))
 
 
 def plain_log_ticks(axis: Axis) -> None:
@@ -95,7 +103,7 @@ def plain_log_ticks(axis: Axis) -> None:
 
 def instants_axis(ax: Axes, *, label: bool = True) -> None:
     """Count the instants along x, in whole numbers."""
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     if label:
         ax.set_xlabel("instant $k$ [-]")
 
