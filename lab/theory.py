@@ -135,20 +135,22 @@ def predicted_error(problem: Problem, n_particles: int) -> tuple[Array, Array]:
         The number of particles from which no component of instant k exceeds that; infinite where it overflows.
     """
     size = whole_number("n_particles", n_particles, at_least=1)
-    exact = kalman(problem)
-    log_variances = asymptotic_log_variance(problem, exact)
-    uncertain = exact.stds > 0
-    ratios = np.full(log_variances.shape, -np.inf)  # log of N Var(mean) / exact variance
-    ratios[uncertain] = log_variances[uncertain] - 2 * np.log(exact.stds[uncertain])
+    ratios = relative_log_variance(problem)
+    valid = ratios - np.log(size) <= 2 * np.log(VALID_GAP)
+    stds = np.full(ratios.shape, np.nan)
+    stds[valid] = (np.exp((ratios - np.log(size)) / 2) * kalman(problem).stds)[valid]
+    return stds, particles_for_validity(ratios)
+
+
+def particles_for_validity(ratios: Array) -> Array:
+    """Return the N (N,) from which the prediction holds for all components, given their `relative_log_variance`."""
     with np.errstate(over="ignore"):
-        needed = np.exp(ratios.max(axis=1)) / VALID_GAP**2
-        stds = np.exp((log_variances - np.log(size)) / 2)
-    stds[ratios - np.log(size) > 2 * np.log(VALID_GAP)] = np.nan
-    return stds, needed
+        return np.asarray(np.exp(ratios.max(axis=1)) / VALID_GAP**2)
 
 
-def asymptotic_log_variance(problem: Problem, exact: Filtered) -> Array:
-    """Return log lim N Var(mean_k) of the bootstrap filter, (N, n); -inf for a component that is known."""
+def relative_log_variance(problem: Problem) -> Array:
+    """Return log lim N Var(mean_k) / exact variance of the bootstrap filter, (N, n); -inf for a known component."""
+    exact = kalman(problem)
     model, logs = problem.model, np.full(exact.means.shape, -np.inf)
     predictions = [(model.m0, model.P0)]
     for k in range(len(exact.means) - 1):
@@ -160,7 +162,8 @@ def asymptotic_log_variance(problem: Problem, exact: Filtered) -> Array:
             if s < k:
                 lean = lean @ past.gains[s].T
             logs[k] = np.logaddexp(logs[k], _log_term(*predictions[s], past.means[s], past.covs[s], lean))
-    return logs
+    with np.errstate(divide="ignore"):
+        return np.where(exact.stds > 0, logs - 2 * np.log(np.maximum(exact.stds, 1e-300)), -np.inf)
 
 
 def _log_term(prior_mean: Array, prior_cov: Array, mean: Array, cov: Array, lean: Array) -> Array:

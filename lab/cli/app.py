@@ -8,6 +8,7 @@ from typer import TyperException
 
 import lab
 from lab.cli.compare import compare
+from lab.cli.forecast import forecast
 from lab.cli.output import RunError
 from lab.cli.run import run
 from lab.cli.simulate import simulate
@@ -24,6 +25,7 @@ app = typer.Typer(
 app.command()(simulate)
 app.command()(run)
 app.command()(compare)
+app.command()(forecast)
 
 
 def _show_version(wanted: bool) -> None:

@@ -11,6 +11,7 @@ from lab.plots.corridors import MOST_LANDMARKS
 from lab.plots.style import new_figure, save_png
 from lab.problem import Experiment
 from lab.result import Filtered
+from lab.validation import Array
 
 LONGEST = 60  # characters of a label in a file's name
 
@@ -53,6 +54,16 @@ def write_comparison(
             label = f"{solver} (N = {best.unit.n_particles}, run {best.unit.run})"
             write_estimate(folder, suffix, best.filtered, comparison.exact, experiment, label)
         on_done(3 + i, 2 + len(solvers))
+
+
+def write_forecast(folder: Path, forecasts: dict[str, Array], errors: dict[int, Array], limit: float) -> None:
+    """Write forecast.png: degeneracy of each proposal, and the bootstrap filter's predicted error."""
+    figure = new_figure(11, 4.8)
+    left, right = figure.subplots(1, 2)
+    plots.draw_forecast(left, forecasts)
+    plots.draw_predicted_error(right, errors, limit)
+    description = "Forecast ESS/N of five proposals over time, and predicted error of the bootstrap filter, log scales."
+    save_png(figure, folder / "forecast.png", description)
 
 
 def write_estimate(

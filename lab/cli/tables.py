@@ -1,5 +1,6 @@
 """The tables that the commands print, and the plain words below them."""
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from lab.compare import Comparison
+    from lab.validation import Array
 
 COLUMNS = (  # header, name, digits
     ("solver", "solver", 0),
@@ -57,6 +59,38 @@ def _cell(value: Any, error: float, digits: int) -> str:
 
     text = "-" if pd.isna(value) else _number(value, digits) if digits else str(value)
     return text if pd.isna(error) else f"{text} ({_number(error, 2)})"
+
+
+def print_forecast(
+    forecasts: "dict[str, Array]",
+    needed: "dict[str, Array]",
+    ess: float,
+    instants: Sequence[int],
+    errors: "dict[int, Array]",
+    bootstrap: "Array",
+) -> None:
+    """Print degeneracy and the particles that it takes per proposal, and the bootstrap filter's predicted error."""
+    when = [f"k = {k}" for k in instants]
+    console().print("log10 of the limiting ESS/N when nothing is resampled")
+    _print_rows(
+        ["proposal", *when], [[name, *(f"{round(v[k], 1) + 0:.1f}" for k in instants)] for name, v in forecasts.items()]
+    )
+    _print_lines([f"Particles for an ESS of {ess:g} without resampling"])
+    _print_rows(["proposal", *when], [[name, *(_power(v[k]) for k in instants)] for name, v in needed.items()])
+    _print_lines(["Error of the bootstrap filter's mean, multinomial resampling at every step [exact std, rms]"])
+    rows = [[f"N = {size}", *(_cell(v[k], math.nan, 2) for k in instants)] for size, v in errors.items()]
+    rows.append(["holds from N =", *(_power(math.log10(max(bootstrap[k], 1))) for k in instants)])
+    _print_rows(["", *when], rows)
+    _print_lines(["With systematic or ESS-triggered resampling the error is usually smaller; that is no theorem."])
+
+
+def _print_rows(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    _print_table(zip(headers, *rows, strict=True))
+
+
+def _power(log10: float) -> str:
+    """Return a number given by its logarithm: plain while it is small, a power of ten beyond."""
+    return f"{10**log10:.0f}" if log10 < 5 else f"10^{log10:.1f}"
 
 
 def _number(value: float, digits: int) -> str:

@@ -6,7 +6,19 @@ Plots know results, never solvers.  What each picture says is in its module; wha
 from lab.plots.comparison import draw_ess, draw_gap
 from lab.plots.corridors import corridor, draw_corridors
 from lab.plots.ellipses import ellipse
+from lab.plots.forecast import draw_forecast, draw_predicted_error
 from lab.plots.scene import draw_map
 from lab.plots.style import legend_below, new_figure
 
-__all__ = ["corridor", "draw_corridors", "draw_ess", "draw_gap", "draw_map", "ellipse", "legend_below", "new_figure"]
+__all__ = [
+    "corridor",
+    "draw_corridors",
+    "draw_ess",
+    "draw_forecast",
+    "draw_gap",
+    "draw_map",
+    "draw_predicted_error",
+    "ellipse",
+    "legend_below",
+    "new_figure",
+]
