@@ -4,10 +4,10 @@ import json
 
 import pandas as pd
 import pytest
-
-from lab import theory
 from program import call
 from worlds import REFERENCE, reference
+
+from lab import theory
 
 FILE = REFERENCE / "experiment_1.mat"
 
