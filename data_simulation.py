@@ -94,7 +94,7 @@ def _covariance(name: str, value: ArrayLike, side: int) -> Array:
         if abs(cov[i, j] - cov[j, i]) > 1e-9 * scale[i, j]:
             entries = f"entries ({i}, {j}) and ({j}, {i}) are {cov[i, j]} and {cov[j, i]}"
             raise ValueError(f"{name} must be symmetric: its {entries}")
-        cov = (cov + cov.T) / 2
+        cov = cov / 2 + cov.T / 2  # the sum of the largest numbers would overflow
         eigenvalues, relative = np.linalg.eigvalsh(cov), np.linalg.eigvalsh(cov / scale)
     if relative.min() < (-1e-12 if cov.ndim == 2 else 0):
         smallest = f"its smallest eigenvalue is {eigenvalues.min():.3g}"
@@ -284,11 +284,12 @@ def _generator(rng: Seed) -> np.random.Generator:
 
 def _given(draws: Draws, model: Draws) -> Draws:
     """Check the draws of the caller against those that they replace."""
-    if not isinstance(draws, Draws):
+    if not isinstance(draws, tuple) or len(draws) != 3:
         raise TypeError(f"draws must be Draws(w, v, x0), not {type(draws).__name__}")
     checked = []
     for name, value, expected in zip(Draws._fields, draws, model, strict=True):
         array = _reals(f"draws.{name}", value, f"an array {expected.shape}")
+        array = array.ravel() if name == "x0" and array.shape == (*expected.shape, 1) else array  # MATLAB's column
         if array.shape != expected.shape:
             raise ValueError(f"draws.{name} must have shape {expected.shape}; its shape is {array.shape}")
         checked.append(array)
@@ -346,7 +347,7 @@ def data_simulation(
 
     Source: handout, question 1b and figure 2.
     """
-    if not isinstance(plot, (bool, np.bool_)):
+    if not isinstance(plot, (bool, np.bool_)) and not (isinstance(plot, int) and plot in (0, 1)):
         raise TypeError(f"plot must be True or False, not {type(plot).__name__} (the scenario comes second)")
     if not isinstance(scenario, Scenario):
         raise TypeError(f"scenario must be a Scenario, not {type(scenario).__name__}")

@@ -10,6 +10,7 @@ has a floor.  Per run, over k >= 1:
     ess_min           smallest ESS / N
     collapsed_at      first k with ESS < 2; NaN if never
     one_ancestor_at   first k whose cloud descends from a single particle of time 0; NaN if never
+    same_map_at       first k from then on where no landmark has any variance left; NaN if never
     ancestors_left    distinct ancestors of time 0 at the end
 
 Source: question 8 of the handout.
@@ -32,11 +33,12 @@ import numpy as np
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from lab.problem import Problem
+from lab.problem import Problem, require_problem
 from lab.result import Filtered
 from lab.solvers import Solver, check_filtered, kalman
 from lab.validation import Array, InputError, whole_number
 
+SAME = 1e-6  # of the exact deviation: copies of one landmark differ by rounding alone
 SEED_BITS = 48  # a seed is written to CSV, and spreadsheets keep 15 digits
 
 
@@ -60,6 +62,7 @@ class Metrics:
     ess_min: float = np.nan
     collapsed_at: float = np.nan
     one_ancestor_at: float = np.nan
+    same_map_at: float = np.nan
     ancestors_left: float = np.nan
     seconds: float = np.nan
 
@@ -137,7 +140,7 @@ def compare(
     problem: Problem,
     solvers: Mapping[str, Solver],
     *,
-    n_particles: Sequence[int] = (100, 1000, 10_000),
+    n_particles: Sequence[int] | int = (100, 1000, 10_000),
     runs: int = 20,
     seed: int = 0,
     jobs: int = 1,
@@ -151,7 +154,7 @@ def compare(
         At least two instants.
     solvers : mapping of str to Solver
         By label; the label is part of the seed.
-    n_particles : sequence of int
+    n_particles : sequence of int, or int
         The N to try, each at least 1.
     runs : int
         Repetitions of each, at least 1.
@@ -172,10 +175,12 @@ def compare(
     InputError
         An argument is out of range, or the exact filter itself cannot run.
     """
-    if problem.n_instants < 2:
+    if require_problem(problem).n_instants < 2:
         raise InputError("There is nothing to compare: the experiment has no instant after k = 0.")
-    if jobs == 0 or jobs < -1:
-        raise InputError(f"jobs must be at least 1, or -1 for one per processor, not {jobs}.")
+    if whole_number("jobs", jobs, at_least=-1) == 0:
+        raise InputError("jobs must be at least 1, or -1 for one per processor, not 0.")
+    if not isinstance(solvers, Mapping) or not all(isinstance(label, str) for label in solvers):
+        raise InputError('solvers must map labels to functions, as {"sir": sir}.')
     units = plan(solvers, n_particles, runs=runs, seed=seed)
     exact = kalman(problem)
     tasks = (
@@ -192,7 +197,7 @@ def compare(
     return Comparison(problem, exact, tuple(done[unit] for unit in units))
 
 
-def plan(solvers: Mapping[str, Solver], n_particles: Sequence[int], *, runs: int, seed: int) -> list[Unit]:
+def plan(solvers: Mapping[str, Solver], n_particles: Sequence[int] | int, *, runs: int, seed: int) -> list[Unit]:
     """Return all units in the order solver, N, run; an N given twice counts once.
 
     Raises
@@ -200,7 +205,9 @@ def plan(solvers: Mapping[str, Solver], n_particles: Sequence[int], *, runs: int
     InputError
         No solver or no N, or a number out of range.
     """
-    sizes = [whole_number("n_particles", size, at_least=1) for size in dict.fromkeys(n_particles)]
+    if isinstance(n_particles, int | np.integer):
+        n_particles = [int(n_particles)]
+    sizes = list(dict.fromkeys(whole_number("n_particles", size, at_least=1) for size in n_particles))
     if not solvers or not sizes:
         raise InputError("A comparison needs at least one solver and one number of particles.")
     runs = whole_number("runs", runs, at_least=1)
@@ -252,8 +259,7 @@ def run_unit(problem: Problem, exact: Filtered, solver: Solver, unit: Unit, *, k
 
 def measure(filtered: Filtered, exact: Filtered, n_particles: int, seconds: float) -> Metrics:
     """Return the metrics of one run; components that are known exactly are left out of `mean_gap`."""
-    stds = exact.stds[1:]
-    uncertain = stds > 0
+    stds, uncertain = exact.stds[1:], exact.uncertain[1:]
     gaps = (filtered.means - exact.means)[1:][uncertain] / stds[uncertain]
     sizes = np.linalg.norm(exact.covs[1:], axis=(1, 2))
     cov_gaps = np.linalg.norm((filtered.covs - exact.covs)[1:], axis=(1, 2))[sizes > 0] / sizes[sizes > 0]
@@ -265,9 +271,15 @@ def measure(filtered: Filtered, exact: Filtered, n_particles: int, seconds: floa
         ess_min=np.nan if ess is None else float(np.min(ess) / n_particles),
         collapsed_at=np.nan if ess is None else _first(ess < 2),
         one_ancestor_at=np.nan if survivors is None else _first(survivors == 1),
+        same_map_at=np.nan if survivors is None else _first((survivors == 1) & _one_map(filtered, exact)),
         ancestors_left=np.nan if survivors is None else float(survivors[-1]),
         seconds=seconds,
     )
+
+
+def _one_map(filtered: Filtered, exact: Filtered) -> Any:
+    """Return at which instants (N,) all landmarks are points to rounding, though not in the exact posterior."""
+    return (filtered.stds <= SAME * exact.stds)[:, 2:].all(axis=1) & exact.uncertain[:, 2:].any(axis=1)
 
 
 def _described(error: BaseException) -> str:

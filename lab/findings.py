@@ -42,16 +42,20 @@ def _about(comparison: Comparison, solver: str) -> list[str]:
     collapsed = _moments_of(groups, lambda record: record.metrics.collapsed_at)
     if collapsed:
         sentences.append(
-            f"{solver}: the weights collapse onto one particle (ESS below 2), first at {collapsed}. The mean is then"
-            " little more than that particle, and the covariance says nothing."
+            f"{solver}: the weights collapse onto one particle (ESS below 2), first at {collapsed}. The moments"
+            " then rest on little more than that particle."
         )
+    same = _moments_of(groups, lambda record: record.metrics.same_map_at)
     single = _moments_of(groups, lambda record: record.metrics.one_ancestor_at)
-    if single:
-        moving = len(comparison.problem.model.moving) > 2
-        tail = "only the landmark noise tells its copies apart" if moving else "every particle carries the same map"
+    if same:
         sentences.append(
-            f"{solver}: the whole map descends from ONE particle of time 0, first at {single}."
-            f" From then on {tail}{_ess_hides(groups)}."
+            f"{solver}: the whole map descends from ONE particle of time 0, first at {same}. From then on every"
+            f" particle carries the same map{_ess_hides(groups)}."
+        )
+    elif single:
+        sentences.append(
+            f"{solver}: all particles descend from ONE particle of time 0, first at {single}{_ess_hides(groups)}. Only"
+            " what is drawn or conditioned later tells them apart."
         )
     largest = max(groups)
     gap = float(np.mean([record.metrics.mean_gap for record in groups[largest]]))

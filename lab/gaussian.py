@@ -1,15 +1,16 @@
-"""Gaussians: prediction, measurement update, log-density and sampling, for one mean or for a whole cloud of them.
+"""Gaussians: prediction, measurement update, splitting and log-density, for one mean or for a whole cloud of them.
 
-Question answered: what do linear maps and linear measurements do to N(mean, cov)?
+Question answered: what do linear maps, linear measurements and partial draws do to N(mean, cov)?
 
     predict   mean' = F mean + B,            cov' = F cov F' + Q
     update    S = H cov H' + R,    K = cov H' S^-1,
               mean' = mean + K (z - H mean),    cov' = (I - K H) cov (I - K H)' + K R K'
     evidence  log N(z; H mean, S)
+    split     cov = spread spread' + left: draw some components, condition the rest on them
 
 Means may be (n,) or, dimension first, (n, P): P particles that share one covariance.  Only S is ever factored, because
-process noise and prior covariances are singular in this laboratory.  The same update serves Kalman, guided and
-Rao-Blackwellized filters.  Arrays in, arrays out: nothing here knows of robots.
+process noise and prior covariances are singular in this laboratory.  Proposals use gain and Joseph's form, the theory
+whole updates; the exact filter is FilterPy's.  Arrays in, arrays out: nothing here knows of robots.
 """
 
 from typing import Any

@@ -20,7 +20,9 @@ from data_simulation import Simulation
 from lab import records
 from lab.validation import Array, InputError, check_covariance, real_array
 
-NEGLIGIBLE_NOISE = 1e-8  # of a landmark's prior deviation: the handout's 1e-10 m is there for MATLAB's chol alone
+# Of a landmark's prior deviation, or of 1 m where that is wider. The handout's 1e-10 m is there for MATLAB's chol
+# alone, while under a diffuse prior real motion, too, is a small part of the deviation.
+NEGLIGIBLE_NOISE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +69,12 @@ class LinearGaussianModel:
 
     @cached_property
     def noise_cov(self) -> Array:
-        """Q (n, n) as every solver uses it: landmark noise below 1e-8 of the prior deviation counts as none."""
+        """Q (n, n) as every solver uses it: negligible landmark noise counts as none.
+
+        Negligible is a deviation below 1e-8 of the prior deviation, and below 1e-8 m.
+        """
         variances, priors = np.diag(self.Q), np.diag(self.P0)
-        negligible = np.sqrt(variances) < NEGLIGIBLE_NOISE * np.sqrt(priors)
+        negligible = np.sqrt(variances) < NEGLIGIBLE_NOISE * np.minimum(np.sqrt(priors), 1)
         negligible[:2] = False
         cov = self.Q.copy()
         cov[negligible, :] = cov[:, negligible] = 0
@@ -180,6 +185,20 @@ class Problem:
             raise InputError(f"The landmark noise must not be negative, but is {std}.")
         Q = self.model.Q + np.diag(np.r_[0, 0, np.full(len(self.model.m0) - 2, variance)])
         return replace(self, model=replace(self.model, Q=Q))
+
+
+def require_problem(value: Any) -> Problem:
+    """Return `value` when it is a Problem.
+
+    Raises
+    ------
+    InputError
+        It is something else; an Experiment is told where its problem is.
+    """
+    if not isinstance(value, Problem):
+        hint = "; give experiment.problem, which does not know the truth" if isinstance(value, Experiment) else ""
+        raise InputError(f"A solver filters a lab.problem.Problem, not {type(value).__name__}{hint}.")
+    return value
 
 
 @dataclass(frozen=True, eq=False)

@@ -60,13 +60,14 @@ def multinomial(weights: Array, rng: np.random.Generator) -> Ancestors:
 
 def residual(weights: Array, rng: np.random.Generator) -> Ancestors:
     """Keep floor(N w) copies, draw the rest multinomially; arguments, result and errors as `systematic`."""
-    expected = _normalised(weights) * len(weights)
-    copies = np.floor(expected).astype(np.intp)
-    kept = np.repeat(np.arange(len(weights)), copies)
-    n_left = len(weights) - len(kept)
-    if n_left == 0:
-        return kept
-    return np.concatenate([kept, _inverse(rng.random(n_left), expected - copies)])
+    n = len(weights)
+    expected = _normalised(weights) * n
+    # N * (1 / N) may round to just below 1, and even weights must keep every particle
+    copies = np.floor(expected * (1 + 4 * n * np.finfo(float).eps)).astype(np.intp)
+    kept = np.repeat(np.arange(n), copies)
+    if len(kept) >= n:
+        return kept[:n]
+    return np.concatenate([kept, _inverse(rng.random(n - len(kept)), np.maximum(expected - copies, 0))])
 
 
 RESAMPLERS: dict[str, Resampler] = {
@@ -87,12 +88,14 @@ def resolve(resample: str | Resampler) -> Resampler:
     """
     if callable(resample):
         return resample
-    if resample not in RESAMPLERS:
+    if not isinstance(resample, str) or resample not in RESAMPLERS:
         raise InputError(f"Unknown resampling scheme {resample!r}; known are {', '.join(RESAMPLERS)}.")
     return RESAMPLERS[resample]
 
 
 def _normalised(weights: Array) -> Array:
+    if np.ndim(weights) != 1:
+        raise InputError(f"Resampling needs a vector of weights, not an array of shape {np.shape(weights)}.")
     total = np.sum(weights)
     if not np.isfinite(total) or total <= 0 or np.min(weights) < 0:
         raise InputError("Resampling needs non-negative, finite weights that are not all zero.")

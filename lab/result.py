@@ -9,8 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.validation import Array
+
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +67,11 @@ class Filtered:
     log_evidence: Array
     ess: Array | None = None
     survivors: Array | None = None
+
+    @property
+    def uncertain(self) -> NDArray[np.bool_]:
+        """Which components (N, n) have a deviation at all: beyond 1e-12 of the largest, which is rounding."""
+        return np.asarray(self.stds > ROUNDING * self.stds.max())
 
     @property
     def stds(self) -> Array:

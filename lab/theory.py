@@ -163,7 +163,7 @@ def relative_log_variance(problem: Problem) -> Array:
                 lean = lean @ past.gains[s].T
             logs[k] = np.logaddexp(logs[k], _log_term(*predictions[s], past.means[s], past.covs[s], lean))
     with np.errstate(divide="ignore"):
-        return np.where(exact.stds > 0, logs - 2 * np.log(np.maximum(exact.stds, 1e-300)), -np.inf)
+        return np.where(exact.uncertain, logs - 2 * np.log(np.maximum(exact.stds, 1e-300)), -np.inf)
 
 
 def _log_term(prior_mean: Array, prior_cov: Array, mean: Array, cov: Array, lean: Array) -> Array:

@@ -44,6 +44,8 @@ def real_array(name: str, value: Any, shape: Sequence[int], *, finite: bool = Tr
         array = np.asarray(value)
     except ValueError:
         raise InputError(f"{name} must be a rectangular array of numbers.") from None
+    if np.ma.isMaskedArray(value):
+        raise InputError(f"{name} must be a plain array: a mask would be lost, use NaN for what is not seen.")
     if array.dtype.kind not in "fiu":
         raise InputError(f"{name} must hold real numbers, not values of type {array.dtype}.")
     if array.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True)):
@@ -103,6 +105,19 @@ def whole_number(name: str, value: Any, *, at_least: int) -> int:
     if value < at_least:
         raise InputError(f"{name} must be at least {at_least}, not {value}.")
     return int(value)
+
+
+def require_generator(rng: Any) -> np.random.Generator:
+    """Return `rng` when it is a numpy Generator.
+
+    Raises
+    ------
+    InputError
+        It is something else, such as a seed.
+    """
+    if not isinstance(rng, np.random.Generator):
+        raise InputError(f"rng must be a numpy Generator, as from numpy.random.default_rng(0), not {rng!r}.")
+    return rng
 
 
 def _shown(shape: Sequence[int]) -> str:

@@ -35,6 +35,9 @@ def normalise(log_weights: Array) -> tuple[Array, float]:
     InputError
         Every weight is zero, or one is NaN or infinite: there is nothing to normalise.
     """
+    log_weights = np.asarray(log_weights)
+    if not log_weights.size:
+        raise InputError("The weights cannot be normalised: there are none.")
     largest = np.max(log_weights)
     if not np.isfinite(largest):
         what = "every weight is zero" if largest == -np.inf else "a log-weight is NaN or infinite"
@@ -56,7 +59,7 @@ def ess(weights: Array) -> float:
     -----
     Source: question 5 of the handout; Kong, Liu and Wong (1994).
     """
-    return float(1 / np.sum(weights**2))
+    return float(1 / np.sum(np.square(weights)))
 
 
 def moments(particles: Array, weights: Array) -> tuple[Array, Array]:

@@ -463,7 +463,7 @@ def test_negative_seed():
     [
         ({"w": np.zeros((6, 49))}, r"draws\.w must have shape \(6, 50\); its shape is \(6, 49\)"),
         ({"v": np.zeros((50, 4))}, r"draws\.v must have shape \(4, 50\); its shape is \(50, 4\)"),
-        ({"x0": np.zeros((6, 1))}, r"draws\.x0 must have shape \(6,\); its shape is \(6, 1\)"),
+        ({"x0": np.zeros((1, 6))}, r"draws\.x0 must have shape \(6,\); its shape is \(1, 6\)"),
         ({"x0": np.full(6, np.nan)}, r"draws\.x0 must be finite, but holds NaN or infinity"),
         ({"v": np.zeros((4, 50), complex)}, r"draws\.v must be an array \(4, 50\) of real numbers, not .*complex128\)"),
     ],
@@ -473,9 +473,15 @@ def test_bad_draws(changes, message):
         data_simulation(scenario=TWO_LANDMARKS, draws=normals(TWO_LANDMARKS, 0)._replace(**changes))
 
 
+def test_draws_as_matlab_has_them_and_plot_as_it_takes_it():
+    w, v, x0 = normals(HANDOUT, 0)
+    column = data_simulation(0, draws=(w, v, x0[:, None]))
+    np.testing.assert_array_equal(column.X, data_simulation(draws=Draws(w, v, x0)).X)
+
+
 def test_arguments_of_the_wrong_type():
-    with pytest.raises(TypeError, match=r"^draws must be Draws\(w, v, x0\), not tuple$"):
-        data_simulation(draws=tuple(normals(HANDOUT, 0)))
+    with pytest.raises(TypeError, match=r"^draws must be Draws\(w, v, x0\), not list$"):
+        data_simulation(draws=list(normals(HANDOUT, 0)))
     with pytest.raises(TypeError, match=r"^plot must be True or False, not Scenario \(the scenario comes second\)$"):
         data_simulation(HANDOUT)
     with pytest.raises(TypeError, match=r"^scenario must be a Scenario, not dict$"):

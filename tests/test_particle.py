@@ -1,5 +1,6 @@
 """The particle loop against a naive twin, against the exact filter, and at the edges of its options."""
 
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -198,6 +199,36 @@ def test_one_particle():
     assert not answer.covs.any()
 
 
+def moved_to(change):
+    def proposal(cloud, k, problem, rng):
+        return replace(cloud, particles=change(cloud.particles)), np.zeros(50)
+
+    return proposal
+
+
+def test_a_proposal_cannot_change_the_step_before():
+    def in_place(cloud, k, problem, rng):
+        cloud.particles[:2] += 1
+        return cloud, np.zeros(50)
+
+    with pytest.raises(ValueError, match="read-only"):
+        steps_of(problem(), proposal=in_place)
+
+
+def test_a_proposal_that_weighs_its_cloud_itself_does_not_count_twice():
+    def weighed(cloud, k, problem, rng):
+        moved, increment = prior(cloud, k, problem, rng)
+        return replace(moved, log_weights=moved.log_weights + increment), increment
+
+    for one, two in zip(steps_of(problem()), steps_of(problem(), proposal=weighed), strict=True):
+        np.testing.assert_array_equal(one.mean, two.mean)
+
+
+def test_a_seed_is_no_generator():
+    with pytest.raises(InputError, match="rng must be a numpy Generator"):
+        sir(problem(), 0)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -212,7 +243,17 @@ def test_one_particle():
         ({"resample": lambda w, rng: np.arange(len(w)) - 1, "ess_threshold": 1}, "indices between 0 and 49"),
         ({"resample": lambda w, rng: np.arange(len(w) - 1), "ess_threshold": 1}, "must return 50 indices"),
         ({"resample": lambda w, rng: w, "ess_threshold": 1}, "must return 50 indices"),
-        ({"proposal": lambda cloud, k, problem, rng: (cloud, 0.0)}, "must return 50 log-weight increments"),
+        (
+            {"proposal": lambda cloud, k, problem, rng: (cloud, 0.0)},
+            r"increments of shape \(50,\), not \(\)",
+        ),
+        (
+            {"proposal": lambda cloud, k, problem, rng: None},
+            "must return the moved Cloud and",
+        ),
+        ({"proposal": moved_to(lambda x: x.T)}, r"particles of shape \(12, 50\), not \(50, 12\)"),
+        ({"proposal": moved_to(lambda x: x[:2])}, r"particles of shape \(12, 50\), not \(2, 50\)"),
+        ({"proposal": moved_to(lambda x: x * np.nan)}, "A particle is NaN or infinite"),
         (
             {"proposal": lambda cloud, k, problem, rng: (cloud, np.full(50, -np.inf))},
             "At k = 1: .* every weight is zero",

@@ -6,6 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 import scipy.io
+import scipy.sparse
 from worlds import REFERENCE, experiment, full_scenario
 
 from data_simulation import TWO_LANDMARKS, data_simulation
@@ -76,6 +77,21 @@ def test_older_edition(tmp_path):
     assert_same(Experiment.load(tmp_path / "old.mat"), Experiment.from_simulation(simulation))
 
 
+def test_b_and_cc_follow_from_each_other(tmp_path):
+    whole = Experiment.load(REFERENCE / "experiment_1.mat")
+    for name in ("B", "CC"):
+        scipy.io.savemat(tmp_path / "e.mat", without(name))
+        world = Experiment.load(tmp_path / "e.mat")
+        np.testing.assert_allclose(world.problem.model.B, whole.problem.model.B, atol=1e-12)
+        np.testing.assert_allclose(world.centre, whole.centre, atol=1e-12)
+
+
+def test_sparse_matrices_and_endings_in_capitals(tmp_path):
+    raw = original() | {"F": scipy.sparse.csc_matrix(original()["F"])}
+    scipy.io.savemat(tmp_path / "E.MAT", raw, appendmat=False)
+    assert_same(Experiment.load(tmp_path / "E.MAT"), Experiment.load(REFERENCE / "experiment_1.mat"))
+
+
 def test_all_16_variables_of_a_simulation(tmp_path):
     simulation = data_simulation(rng=1)
     records.write_simulation(tmp_path / "s.mat", simulation)
@@ -107,6 +123,7 @@ def without(*names):
     ("variables", "message"),
     [
         (without("Z"), "the variable Z is missing"),
+        (without("B", "CC"), "the variables B and CC are missing"),
         (without("Z", "F"), "the variables Z and F are missing"),
         (without("arrayH", "Hfull"), "the variable arrayH or Hfull is missing"),
         (without("arrayR", "Rv", "Qw"), "the variables Qw and arrayR or Rv are missing"),
@@ -124,7 +141,7 @@ def without(*names):
         (original() | {"F": "identity"}, "F must hold real numbers"),
         (original() | {"F": {"nested": 1.0}}, "F must hold real numbers"),
         (original() | {"F": np.array([1.0, "x"], dtype=object)}, "F must hold real numbers"),
-        (original() | {"PX0": np.triu(np.ones((12, 12)))}, "P0 is not symmetric"),
+        (original() | {"PX0": np.triu(np.ones((12, 12)))}, "PX0 is not symmetric"),
     ],
 )
 def test_bad_mat_files_are_named(tmp_path, variables, message):
@@ -137,6 +154,8 @@ def test_bad_mat_files_are_named(tmp_path, variables, message):
 def test_unreadable_files(tmp_path):
     text = tmp_path / "text.mat"
     text.write_text("not a matrix at all " * 50)
+    octave = tmp_path / "octave.mat"
+    octave.write_text("# Created by Octave 7.3.0\n# name: Z\n# type: matrix\n")
     empty = tmp_path / "empty.mat"
     empty.write_bytes(b"")
     hdf = tmp_path / "hdf.mat"
@@ -155,6 +174,7 @@ def test_unreadable_files(tmp_path):
         np.save(file, np.eye(3))
     for path, message in (
         (text, "damaged, or not a .mat"),
+        (octave, "in Octave, save it with '-v7'"),
         (empty, "damaged, or not a .mat"),
         (hdf, "-v7.3 file"),
         (cut, "cannot be read"),

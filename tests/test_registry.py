@@ -85,7 +85,7 @@ def test_a_path_as_windows_writes_it():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("bogus", "Unknown solver 'bogus'; known are sis, sir, or your own as FILE.py:FUNCTION"),
+        ("bogus", f"Unknown solver 'bogus'; known are {', '.join(SOLVERS)}, or your own as FILE.py:FUNCTION"),
         ("", "Cannot read ''"),
         ("sir:", "Cannot read 'sir:'"),
         ("sir:ess_threshold", "Cannot read 'sir:ess_threshold'"),

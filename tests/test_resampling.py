@@ -104,11 +104,17 @@ def test_the_schemes_have_the_variances_that_set_them_apart():
     assert spread["multinomial"] == pytest.approx(np.sum(7 * weights * (1 - weights)), rel=0.1)
 
 
+@pytest.mark.parametrize("scheme", [resampling.systematic, resampling.stratified, resampling.residual])
+@pytest.mark.parametrize("n", [1, 3, 20, 49, 64, 1000, 10_000])
+def test_even_weights_keep_every_particle(scheme, n):
+    """N * (1 / N) rounds to just below 1 for n = 20, 1000 and 10 000."""
+    np.testing.assert_array_equal(np.sort(scheme(np.full(n, 1 / n), np.random.default_rng(0))), np.arange(n))
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_even_weights(scheme):
-    ancestors = scheme(np.full(64, 1 / 64), np.random.default_rng(0))
-    if scheme in (resampling.systematic, resampling.stratified, resampling.residual):
-        np.testing.assert_array_equal(np.sort(ancestors), np.arange(64))
+def test_a_matrix_of_weights_is_refused(scheme):
+    with pytest.raises(InputError, match="vector of weights"):
+        scheme(np.ones((3, 2)), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -123,3 +129,5 @@ def test_resolve():
     assert resampling.resolve(len) is len
     with pytest.raises(InputError, match="systematic, stratified, residual, multinomial"):
         resampling.resolve("bogus")
+    with pytest.raises(InputError, match="Unknown resampling scheme"):
+        resampling.resolve([])

@@ -33,7 +33,7 @@ def test_a_weight_of_zero_is_allowed():
     np.testing.assert_array_equal(normalised, [0, 1])
 
 
-@pytest.mark.parametrize("bad", [[-np.inf, -np.inf], [0.0, np.nan], [0.0, np.inf]])
+@pytest.mark.parametrize("bad", [[-np.inf, -np.inf], [0.0, np.nan], [0.0, np.inf], []])
 def test_weights_that_cannot_be_normalised(bad):
     with pytest.raises(InputError, match="cannot be normalised"):
         weights.normalise(np.array(bad))

@@ -1,5 +1,6 @@
 """Experiments for the tests: the handout's, and worlds on which transposed factors and sliced blocks show."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,5 +66,6 @@ WORLDS = {
     "full-20-all-seen": lambda: problem(full_scenario(20, field_of_view=everything, n_steps=12)),
     "nothing-seen": lambda: problem(full_scenario(3, field_of_view=nothing)),
     "exogenous": lambda: problem(full_scenario(4, field_of_view="exogenous")),
+    "diffuse": lambda: problem(replace(full_scenario(3), landmark_cov=1e4, landmark_noise_std=5e-5)),
     "landmark-noise": lambda: problem(full_scenario(3)).with_landmark_noise(0.05),
 }

@@ -21,7 +21,7 @@ def compare(
         str,
         typer.Option(
             metavar="LIST",
-            help="Comma-separated: sis, sir, mine=my_filters.py:my_sir, low=sir:ess_threshold=0.2:resample=residual.",
+            help="Comma-separated: sis, sir, guided, rbpf, mine=my_filters.py:my_sir, low=sir:ess_threshold=0.2.",
         ),
     ] = "sis,sir",
     landmark_noise: LandmarkNoise = 0.0,

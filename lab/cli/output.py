@@ -9,7 +9,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,7 @@ def result_folder(path: Path) -> Iterator[Path]:
     InputError
         The folder cannot be made or written to, or holds another program's config.json; said before the block runs.
     """
-    made = _missing(path)
+    made = [folder for folder in (path, *path.parents) if not os.path.exists(folder)]
     try:
         with _named_in_errors(path):
             path.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def result_folder(path: Path) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
     finally:
         for folder in made:
-            if folder.is_dir() and not any(folder.iterdir()):
+            with suppress(OSError):  # not empty
                 folder.rmdir()
 
 
@@ -135,24 +135,14 @@ def _named_in_errors(path: Path) -> Iterator[None]:
         raise InputError(f"The folder {path} cannot be written to: {error.strerror or error}.") from None
 
 
-def _missing(path: Path) -> list[Path]:
-    """Return the folders to be made for this one, the innermost first."""
-    try:
-        return [folder for folder in (path, *path.parents) if not folder.exists()]
-    except OSError:  # a name too long even to ask for; making it fails with a sentence
-        return []
-
-
 def _earlier_files(path: Path) -> list[str]:
     """Return the plain file names that an earlier result in this folder lists as its own."""
     try:
-        text = (path / CONFIG).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return []
-    try:
-        config = json.loads(text)
+        config = json.loads((path / CONFIG).read_text(encoding="utf-8"))
         ours = config["repeat"].startswith(f"{PROGRAM} ")
         names = [name for name in config["files"] if Path(name).name == name]
+    except FileNotFoundError:
+        return []
     except (ValueError, KeyError, TypeError, AttributeError):
         ours, names = False, []
     if not ours:

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 def run(
     solver: Annotated[
         str,
-        typer.Argument(metavar="SOLVER", help="kalman, sis, sir, or FILE.py:FUNCTION; options follow as :NAME=VALUE."),
+        typer.Argument(
+            metavar="SOLVER", help="kalman, sis, sir, guided, rbpf, or FILE.py:FUNCTION; options follow as :NAME=VALUE."
+        ),
     ],
     experiment: ExperimentFile = None,
     scenario: ScenarioName = None,
@@ -33,7 +35,7 @@ def run(
     out: OutputFolder = None,
 ) -> None:
     """Run one filter once and show where it is, and how far from exact."""
-    from lab.cli import output, pictures, tables
+    from lab.cli import output, tables
 
     source = options.load_experiment(experiment, scenario, seed, landmark_noise)
     whole_number("The number of particles", particles, at_least=1)
@@ -57,6 +59,8 @@ def run(
         with output.deaf_reader():
             tables.print_moments(table, lines)
         if folder is not None:
+            from lab.cli import pictures
+
             (name,) = [f"{label} (N = {particles}, run {repetition})" for label in prepared] or ["kalman"]
             table.to_csv(folder / "moments.csv", index=False)
             source.save(folder / "experiment.npz")

@@ -56,6 +56,6 @@ def write(path: str | Path, fields: dict[str, Any]) -> None:
 
 
 def _format_of(path: Path) -> Any:
-    if path.suffix not in FORMATS:
+    if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: an experiment file ends in .mat or .npz.")
-    return FORMATS[path.suffix]
+    return FORMATS[path.suffix.lower()]

@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 import scipy.io
+import scipy.sparse
 
 from data_simulation import Simulation
-from lab.validation import Array, InputError, real_array
+from lab.validation import Array, InputError, check_covariance, real_array
 
 REQUIRED = ("Z", "F", "mX0", "PX0", "Qw")
+NEWER = ("M", "arrayH", "arrayR", "in_fov")  # what the older edition lacks, beside B and CC
+SINGULAR = 1e-12
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -23,13 +26,16 @@ def read(path: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        A -v7.3 file, or a variable that is missing or of the wrong kind or shape.
+        A -v7.3 file, a file in Octave's own format, or a variable that is missing or of the wrong kind or shape.
     """
+    with path.open("rb") as file:
+        if file.read(80).startswith((b"# Created by Octave", b"Octave-1-")):
+            raise InputError(f"{path} is a file of Octave's own: in Octave, save it with '-v7'.")
     try:
         variables = scipy.io.loadmat(path)
     except NotImplementedError:
         raise InputError(f"{path} is a -v7.3 file, which cannot be read: in MATLAB, save it with '-v7'.") from None
-    return from_handout(variables)
+    return from_handout({name: _dense(value) for name, value in variables.items()})
 
 
 def from_handout(variables: dict[str, Any]) -> dict[str, Any]:
@@ -56,17 +62,21 @@ def from_handout(variables: dict[str, Any]) -> dict[str, Any]:
             given = np.asarray(variables[name]).ravel().tolist()
             raise InputError(f"Z has shape ({rows}, {N}), which does not fit {name} = {given} {meaning}.")
     n = rows + 2
+    F = real_array("F", variables["F"], (n, n))
+    B, centre = _input_and_centre(variables, F)
+    for name in ("Qw", "PX0"):
+        check_covariance(name, real_array(name, variables[name], (n, n)))
     return {
         "z": Z.T,
         "H": _over_time(variables, "arrayH", "Hfull", (rows, n), N),
         "R": _over_time(variables, "arrayR", "Rv", (rows, rows), N),
-        "F": real_array("F", variables["F"], (n, n)),
-        "B": _vector(variables, "B", n),
+        "F": F,
+        "B": B,
         "Q": real_array("Qw", variables["Qw"], (n, n)),
         "m0": _vector(variables, "mX0", n),
         "P0": real_array("PX0", variables["PX0"], (n, n)),
         "truth": real_array("X", variables["X"], (n, N)).T if "X" in variables else None,
-        "centre": _vector(variables, "CC", 2),
+        "centre": centre,
     }
 
 
@@ -102,6 +112,10 @@ def _save(path: Path, variables: dict[str, Any]) -> None:
     scipy.io.savemat(path, doubles, oned_as="column", do_compression=True)
 
 
+def _dense(value: Any) -> Any:
+    return value.toarray() if scipy.sparse.issparse(value) else value
+
+
 def _over_time(variables: dict[str, Any], name: str, constant: str, shape: tuple[int, int], N: int) -> Array:
     """Return a matrix for each instant; MATLAB drops a last axis of length 1."""
     if name in variables:
@@ -113,10 +127,33 @@ def _over_time(variables: dict[str, Any], name: str, constant: str, shape: tuple
     return np.broadcast_to(real_array(constant, variables[constant], shape), (N, *shape))
 
 
+def _input_and_centre(variables: dict[str, Any], F: Array) -> tuple[Array, Array]:
+    """Return B (n,) and CC (2,); either follows from the other, and both are 0 in the older edition, which has neither.
+
+    Raises
+    ------
+    InputError
+        Both are missing from a file of the newer edition, or CC does not follow from B.
+    """
+    away = np.eye(2) - F[:2, :2]
+    if "B" in variables and "CC" in variables:
+        return _vector(variables, "B", len(F)), _vector(variables, "CC", 2)
+    if "CC" in variables:
+        centre = _vector(variables, "CC", 2)
+        return np.concatenate([away @ centre, np.zeros(len(F) - 2)]), centre
+    if "B" in variables:
+        B = _vector(variables, "B", len(F))
+        if abs(np.linalg.det(away)) < SINGULAR:
+            raise InputError("the variable CC is missing, and does not follow from B.")
+        return B, np.asarray(np.linalg.solve(away, B[:2]), dtype=np.float64)
+    newer = [name for name in NEWER if name in variables]
+    if newer:
+        raise InputError(f"the variables B and CC are missing (only the older edition, without {newer[0]}, has none).")
+    return np.zeros(len(F)), np.zeros(2)
+
+
 def _vector(variables: dict[str, Any], name: str, length: int) -> Array:
-    """Return a vector given as (n,), (n, 1) or (1, n); B and CC are 0 in the older edition."""
-    if name not in variables:
-        return np.zeros(length)
+    """Return a vector given as (n,), (n, 1) or (1, n)."""
     given = np.asarray(variables[name])
     return real_array(name, given.ravel() if given.ndim == 2 and 1 in given.shape else given, (length,))
 

@@ -11,7 +11,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from lab import gaussian
-from lab.problem import Problem
+from lab.problem import Problem, require_problem
 from lab.result import Filtered
 from lab.validation import Array, InputError
 
@@ -33,7 +33,7 @@ def kalman(problem: Problem) -> Filtered:
     InputError
         The innovation covariance S = H P H' + R is singular at some instant.
     """
-    model = problem.model
+    model = require_problem(problem).model
     n = len(model.m0)
     # dim_z only sizes FilterPy's defaults, which the H, R and z given at each update replace
     engine = KalmanFilter(dim_x=n, dim_z=2, dim_u=n)

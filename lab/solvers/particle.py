@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 from lab import resampling, weights
-from lab.problem import Problem
+from lab.problem import Problem, require_problem
 from lab.resampling import Ancestors, Resampler
 from lab.result import Filtered, Step, collect
 from lab.solvers.proposals import Cloud, GaussianProposal, delayed, optimal, prior, rbpf_optimal, rbpf_prior
 from lab.solvers.protocol import Proposal
-from lab.validation import Array, InputError, real_array, whole_number
+from lab.validation import Array, InputError, real_array, require_generator, whole_number
 
 GUIDED = {"delayed": delayed, "optimal": optimal}
 RAO_BLACKWELLIZED = {"optimal": rbpf_optimal, "prior": rbpf_prior}
@@ -62,6 +62,8 @@ def particle_steps(
     InputError
         An argument is out of range, or every weight is zero at some k, which is named.
     """
+    require_problem(problem)
+    require_generator(rng)
     n_particles = whole_number("n_particles", n_particles, at_least=1)
     ess_threshold = float(real_array("ess_threshold", ess_threshold, ()))
     if not 0 <= ess_threshold <= 1:
@@ -78,24 +80,23 @@ def particle_steps(
             cloud = replace(cloud, particles=cloud.particles[:, ancestors], log_weights=np.log(even))
             lineage = lineage[ancestors]
             survivors = len(np.unique(lineage))
-        cloud, increment = proposal(cloud, k, problem, rng)
-        if np.shape(increment) != (n_particles,):
-            raise InputError(
-                f"The proposal must return {n_particles} log-weight increments, not {np.shape(increment)}."
-            )
+        cloud.particles.flags.writeable = False  # the step before holds them, too
+        moved, increment = _checked_move(proposal(cloud, k, problem, rng), cloud)
         log_weights = cloud.log_weights + increment
         try:
             w, log_total = weights.normalise(log_weights)
         except InputError as error:
             raise InputError(f"At k = {k}: {error}") from None
         log_evidence += log_total
-        cloud = replace(cloud, log_weights=log_weights - log_total)
+        cloud = replace(moved, log_weights=log_weights - log_total)
         yield _step(cloud, w, log_evidence, survivors)
 
 
 def _step(cloud: Cloud, w: Array, log_evidence: float, survivors: int) -> Step:
     """Return the moments of the mixture of N(particle, cloud.cov), by the law of total covariance."""
     mean, cov = weights.moments(cloud.particles, w)
+    if not np.isfinite(mean).all():
+        raise InputError("A particle is NaN or infinite.")
     return Step(mean, cov + cloud.cov, log_evidence, weights.ess(w), survivors, cloud)
 
 
@@ -254,9 +255,23 @@ def _filter(
 
 
 def _named(name: str, proposals: dict[str, GaussianProposal]) -> GaussianProposal:
-    if name not in proposals:
+    if not isinstance(name, str) or name not in proposals:
         raise InputError(f"Unknown proposal {name!r}; known are {', '.join(proposals)}.")
     return proposals[name]
+
+
+def _checked_move(answer: Any, cloud: Cloud) -> tuple[Cloud, Array]:
+    """Refuse what a student's proposal must not return."""
+    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[0], Cloud):
+        raise InputError("The proposal must return the moved Cloud and its log-weight increments.")
+    moved, increment = answer
+    for name, have, want in (
+        ("particles", np.shape(moved.particles), cloud.particles.shape),
+        ("log-weight increments", np.shape(increment), cloud.log_weights.shape),
+    ):
+        if have != want:
+            raise InputError(f"The proposal must return {name} of shape {want}, not {have}.")
+    return moved, increment
 
 
 def _checked(ancestors: Any, n_particles: int) -> Ancestors:
