@@ -86,6 +86,26 @@ def test_negligible_noise_of_a_landmark_counts_as_none_but_never_the_robots():
     np.testing.assert_array_equal(known.noise_cov, Q)
 
 
+def test_real_motion_under_a_diffuse_prior_is_not_negligible():
+    model = replace(problem().model, P0=np.diag([0.0, 0] + [1e12] * 10), Q=np.diag([0.04, 0.04] + [2.5e-5] * 10))
+    np.testing.assert_array_equal(model.noise_cov, model.Q)
+
+
+def test_symmetry_is_held_to_rounding():
+    model = problem().model
+    skew = np.zeros((12, 12))
+    skew[3, 4] = 0.2
+    with pytest.raises(InputError, match="P0 is not symmetric"):
+        replace(model, P0=model.P0 + 1e-6 * skew)
+    replace(model, P0=model.P0 + 1e-12 * skew)
+
+
+def test_a_mask_is_not_lost_in_silence():
+    model = problem().model
+    with pytest.raises(InputError, match="a mask would be lost"):
+        replace(model, F=np.ma.array(model.F, mask=model.F == 0))
+
+
 def test_moving_components():
     model = problem().model
     np.testing.assert_array_equal(model.moving, [0, 1])
