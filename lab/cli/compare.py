@@ -23,7 +23,7 @@ def compare(
             metavar="LIST",
             help="Comma-separated: sis, sir, guided, rbpf, mine=my_filters.py:my_sir, low=sir:ess_threshold=0.2.",
         ),
-    ] = "sis,sir",
+    ] = "sis,sir,guided,rbpf",
     landmark_noise: LandmarkNoise = 0.0,
     particles: Annotated[str, typer.Option(metavar="LIST", help="Numbers of particles, comma-separated.")] = (
         "100,1000,10000"
