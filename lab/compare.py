@@ -177,8 +177,8 @@ def compare(
     """
     if require_problem(problem).n_instants < 2:
         raise InputError("There is nothing to compare: the experiment has no instant after k = 0.")
-    if whole_number("jobs", jobs, at_least=-1) == 0:
-        raise InputError("jobs must be at least 1, or -1 for one per processor, not 0.")
+    if not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
+        raise InputError(f"jobs must be at least 1, or -1 for one per processor, not {jobs!r}.")
     if not isinstance(solvers, Mapping) or not all(isinstance(label, str) for label in solvers):
         raise InputError('solvers must map labels to functions, as {"sir": sir}.')
     units = plan(solvers, n_particles, runs=runs, seed=seed)

@@ -1,0 +1,18 @@
+"""Fixtures of the tests of the command line."""
+
+import pytest
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder as the current one: what a command should not have written shows there."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Leave out the figures, which take most of a command's time, where the test is not about them."""
+    from lab.cli import pictures
+
+    monkeypatch.setattr(pictures, "save_png", lambda figure, path, description: path.write_bytes(b"a picture"))

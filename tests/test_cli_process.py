@@ -1,0 +1,159 @@
+"""The program as a process: signals, terminals, pipes, workers that die, and what it imports."""
+
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+import pytest
+from program import command, everything_in, start
+
+posix = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals and terminals")
+
+SLOW = """
+import pathlib, time
+
+def slow(problem, rng, *, n_particles):
+    pathlib.Path(f"started-{rng.integers(10**9)}").touch()
+    time.sleep(100)
+"""
+DEADLY = """
+import os
+
+def deadly(problem, rng, *, n_particles):
+    os._exit(3)
+"""
+
+
+def members(group):
+    """Return the processes of a group, those left out that have ended and wait to be noticed."""
+    table = subprocess.run(["ps", "-A", "-o", "pid=,pgid=,stat="], capture_output=True, text=True, check=True).stdout
+    return [row[0] for row in map(str.split, table.splitlines()) if row[1] == str(group) and not row[2].startswith("Z")]
+
+
+@posix
+@pytest.mark.parametrize(("jobs", "whole_group"), [(1, False), (2, True)])
+def test_an_interrupt_ends_everything_at_once(here, jobs, whole_group):
+    """A terminal sends Ctrl-C to the whole group, workers included; `kill -INT` to the one process."""
+    (here / "slow.py").write_text(SLOW)
+    arguments = command("compare", "--solvers", "slow.py:slow", "--runs", "4", "--jobs", jobs, "--out", "a/b")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen(arguments, start_new_session=True, **pipes)
+    try:
+        while len(list(here.glob("started-*"))) < jobs:
+            assert process.poll() is None
+            time.sleep(0.05)
+        sent = time.monotonic()
+        (os.killpg if whole_group else os.kill)(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+        assert time.monotonic() - sent < 10
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode in (130, -signal.SIGINT)  # a shell calls both 130
+    assert (out, err) == ("", "slam-lab: stopped; no half-written result remains.\n")
+    assert not (here / "a").exists()
+    deadline = time.monotonic() + 10
+    while members(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not members(process.pid)
+
+
+@posix
+def test_an_interrupt_while_it_starts(here):
+    """Inside an import a KeyboardInterrupt comes out as any error, or not at all."""
+    for wait in (0.25, 0.6):
+        process = subprocess.Popen(
+            command("compare", "--runs", "1000", "--out", "a"), stderr=subprocess.PIPE, text=True
+        )
+        time.sleep(wait)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+        assert err == "slam-lab: stopped; no half-written result remains.\n"
+        assert process.returncode in (130, -signal.SIGINT)
+    assert everything_in(here) == {}
+
+
+def test_a_worker_that_dies_is_one_sentence(here):
+    (here / "deadly.py").write_text(DEADLY)
+    arguments = ("--solvers", "deadly.py:deadly", "--runs", "2", "--jobs", "2", "--out", "result")
+    done = start("compare", *arguments, cwd=here)
+    done.assert_refused("a worker process died", "nothing is written", status=1)
+    assert not (here / "result").exists()
+
+
+@posix
+def test_a_terminal_of_80_columns_sees_a_bar_with_the_time_left_and_a_table_that_fits(here):
+    import fcntl
+    import pty
+    import termios
+
+    terminal, end = pty.openpty()
+    fcntl.ioctl(end, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 80, 0, 0))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES", "CI")}
+    arguments = command("compare", "--solvers", f"{'long' * 8}=sir", "--particles", "2000", "--runs", "15")
+    streams = {"stdin": end, "stdout": end, "stderr": end}
+    process = subprocess.Popen(arguments, **streams, env=environment | {"TERM": "xterm"})
+    os.close(end)
+    seen = b""
+    while True:
+        try:
+            seen += os.read(terminal, 65536)
+        except OSError:  # how Linux says that the other end is closed
+            break
+    os.close(terminal)
+    assert process.wait(timeout=30) == 0
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", seen.decode())
+    bars = [frame for frame in re.split(r"[\r\n]+", text) if frame.startswith("comparing")]
+    percents = [int(re.search(r"(\d+)%", bar)[1]) for bar in bars]
+    assert percents == sorted(percents)
+    assert percents[-1] > 50
+    assert any(re.search(r"\d:\d\d:\d\d$", bar.rstrip()) for bar in bars)
+    after = re.split(r"[\r\n]+", text[text.rindex("comparing") :])[1:]
+    assert max(map(len, after)) <= 80
+    assert any("no room for: s per run" in line for line in after)
+    assert any(re.match(r"long+\w*\s+2000\s", line) for line in after)
+
+
+@posix
+def test_a_reader_that_stops_reading_does_not_cost_the_result(here):
+    """As in `slam-lab run kalman --out DIR | head -1`."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    arguments = command("run", "kalman", "--scenario", "two-landmarks", "--out", "result")
+    done = subprocess.run(arguments, stdout=writing, stderr=subprocess.PIPE, text=True, timeout=100)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {"config.json", "moments.csv", "map.png"} <= {*everything_in(here / "result")}
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_a_full_device_is_one_sentence(here):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command("simulate"), stdout=full, stderr=subprocess.PIPE, text=True, timeout=100)
+    assert done.returncode == 2
+    assert done.stderr == "slam-lab: The output cannot be written: No space left on device.\n"
+
+
+def test_a_terminal_that_knows_no_accents(here):
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    (here / "own.py").write_text(
+        "def f(problem, rng, *, n_particles):\n    raise ValueError('raté')\n", encoding="utf-8"
+    )
+    done = start("compare", "--solvers", "own.py:f", "--particles", "5", "--runs", "1", cwd=here, env=ascii_only)
+    assert (done.status, done.err) == (1, "")
+    assert "rat\\xe9" in done.out
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import runpy, sys; sys.argv = ['lab', '--help']\n"
+        "try: runpy.run_module('lab', run_name='__main__')\n"
+        "finally: print(sorted({'matplotlib', 'pandas', 'scipy', 'filterpy'} & {*sys.modules}), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "Usage: slam-lab" in done.stdout
+    assert done.stderr == "[]\n"
