@@ -1,5 +1,7 @@
 """Fixtures of the tests of the command line."""
 
+from unittest.mock import Mock
+
 import pytest
 
 
@@ -15,4 +17,6 @@ def no_pictures(monkeypatch):
     """Leave out the figures, which take most of a command's time, where the test is not about them."""
     from lab.cli import pictures
 
+    monkeypatch.setattr(pictures, "new_figure", Mock(return_value=Mock(**{"subplots.return_value": (Mock(), Mock())})))
+    monkeypatch.setattr(pictures, "plots", Mock())
     monkeypatch.setattr(pictures, "save_png", lambda figure, path, description: path.write_bytes(b"a picture"))

@@ -253,12 +253,6 @@ def test_simulate_writes_the_animation(here, monkeypatch):
         assert image.n_frames == 4
 
 
-def test_the_same_numbers_with_any_number_of_workers(here, no_pictures):
-    for jobs in (1, 2):
-        call("compare", *ARGUMENTS, "--jobs", jobs, "--out", f"j{jobs}")
-    assert runs_in(here / "j1").equals(runs_in(here / "j2"))
-
-
 @pytest.mark.parametrize("arguments", [["--help"], ["compare", "--help"], ["run", "--help"], ["simulate", "--help"]])
 def test_help(arguments):
     done = call(*arguments)

@@ -13,7 +13,7 @@ import lab.compare
 from lab.problem import Experiment
 from lab.solvers import SOLVERS
 
-QUICK = ("--particles", "5", "--runs", "1")
+QUICK = ("--solvers", "sis", "--particles", "5", "--runs", "1")
 
 
 def variables():
@@ -327,7 +327,7 @@ def test_a_solver_that_is_interrupted(here, monkeypatch, command):
         return sis(problem, rng, n_particles=n_particles)
 
     monkeypatch.setitem(SOLVERS, "sis", interrupted)
-    arguments = ("--solvers", "sis", *QUICK) if command == "compare" else ("sis",)
+    arguments = QUICK if command == "compare" else ("sis",)
     done = call(command, *arguments, "--out", "result")
     assert done == (130, "", "slam-lab: stopped; no half-written result remains.\n")
     assert os.listdir(here) == []

@@ -77,6 +77,22 @@ def test_a_students_function_is_found_again_in_another_process(filters):
     assert done.stdout.split() == [b"(50,", b"12)"]
 
 
+def test_two_students_may_have_neighbours_of_one_name(tmp_path):
+    code = "from utils import number\nfrom lab.solvers import sir\n\n\ndef f(problem, rng, *, n_particles):\n"
+    code += "    import later\n    return sir(problem, rng, n_particles=number + later.number)\n"
+    before = list(sys.path)
+    for name, size in (("alice", 3), ("bob", 5)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "utils.py").write_text(f"number = {size}\n")
+        (tmp_path / name / "later.py").write_text(f"number = {10 * size}\n")
+        (tmp_path / name / "my.py").write_text(code)
+    solvers = [resolve(f"{tmp_path / name / 'my.py'}:f")[1] for name in ("alice", "bob")]
+    for solver, expected in (*zip(solvers, (33, 55), strict=True), (solvers[0], 33)):
+        assert solver(problem(), np.random.default_rng(0), n_particles=1).ess[0] == pytest.approx(expected)
+    assert sys.path == before
+    assert "utils" not in sys.modules
+
+
 def test_a_path_as_windows_writes_it():
     with pytest.raises(InputError, match="does not exist"):
         resolve(r"mine=C:\students\my_filters.py:my_sir:ess_threshold=0.2")

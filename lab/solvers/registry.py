@@ -14,7 +14,8 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -51,7 +52,9 @@ class FileSolver:
 
     def __call__(self, *args: Any, **options: Any) -> Filtered:
         """Call the function."""
-        return self.load()(*args, **options)
+        function = self.load()
+        with _neighbours(Path(self.path)):  # for imports inside the function
+            return function(*args, **options)
 
     def load(self) -> Callable[..., Filtered]:
         """Return the function itself.
@@ -135,8 +138,6 @@ def _import_file(path: str) -> ModuleType:
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{path} does not exist.")
-    if str(file.parent) not in sys.path:  # so that it can import its neighbours
-        sys.path.append(str(file.parent))
     name = f"{file.stem}-{hashlib.sha256(path.encode()).hexdigest()[:8]}"  # a file may be called random.py
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
@@ -144,7 +145,30 @@ def _import_file(path: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up there
     try:
-        spec.loader.exec_module(module)
+        with _neighbours(file, keep=name):
+            spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         raise InputError(f"{path} cannot be imported: {type(error).__name__}: {error}.") from None
     return module
+
+
+@contextmanager
+def _neighbours(file: Path, keep: str = "") -> Iterator[None]:
+    """Let a student's file import what lies beside it, and forget that afterwards.
+
+    Two students may both have a utils.py: the next one's must not find the first one's, on the path or in sys.modules.
+    """
+    folder, before = str(file.parent), set(sys.modules)
+    added = folder not in sys.path
+    if added:
+        sys.path.append(folder)
+        importlib.invalidate_caches()
+    try:
+        yield
+    finally:
+        if added and folder in sys.path:
+            sys.path.remove(folder)
+        for name in set(sys.modules) - before - {keep}:
+            origin = getattr(sys.modules[name], "__file__", None)
+            if origin and Path(origin).is_relative_to(file.parent):
+                del sys.modules[name]
