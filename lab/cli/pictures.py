@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lab import plots
 from lab.compare import Comparison
-from lab.plots.comparison import ABREAST
+from lab.plots.comparison import ess_grid
 from lab.plots.corridors import MOST_LANDMARKS
 from lab.plots.style import new_figure, save_png
 from lab.problem import Experiment
@@ -42,7 +42,8 @@ def write_comparison(
     save_png(figure, folder / "gap.png", "Gaps of mean and covariance to the exact filter against N, log-log.")
     on_done(1, 2 + len(solvers))
 
-    figure = new_figure(max(3.6 * min(len(solvers), ABREAST), 6), 0.8 + 5.4 * -(-len(solvers) // ABREAST))
+    rows, width = ess_grid(len(solvers))
+    figure = new_figure(1 + max(3.0 * width, 5), 0.8 + 5.4 * rows)
     plots.draw_ess(figure, comparison)
     save_png(figure, folder / "ess.png", "Effective sample size and living ancestors of each filter over time.")
     on_done(2, 2 + len(solvers))

@@ -19,7 +19,7 @@ METRIC_NAMES = {
     "mean_gap": "gap of the mean [exact std]",
     "cov_gap": "relative gap of the covariance [-]",
 }
-ABREAST = 3  # solvers side by side in the figure of ESS
+ABREAST = 4  # solvers side by side in the figure of ESS, at most
 MOST_SIZES = 4  # lines of ESS in one axes: more cannot be told apart
 
 
@@ -90,7 +90,7 @@ def draw_ess(figure: Figure, comparison: Comparison) -> list[Axes]:
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        Empty; three solvers stand side by side, the next three under them.
+        Empty; up to four solvers stand side by side, the others under them.
     comparison : Comparison
 
     Returns
@@ -100,8 +100,8 @@ def draw_ess(figure: Figure, comparison: Comparison) -> list[Axes]:
     """
     solvers = list(dict.fromkeys(record.unit.solver for record in comparison.records))
     sizes = sorted({record.unit.n_particles for record in comparison.records})
-    width = min(len(solvers), ABREAST)
-    grid = figure.subplots(2 * -(-len(solvers) // width), width, sharex=True, sharey=True, squeeze=False)
+    rows, width = ess_grid(len(solvers))
+    grid = figure.subplots(2 * rows, width, sharex=True, sharey=True, squeeze=False)
     pairs = [(grid[2 * (i // width), i % width], grid[2 * (i // width) + 1, i % width]) for i in range(len(solvers))]
     for spare in grid[-2:, (len(solvers) - 1) % width + 1 :].ravel():
         spare.remove()
@@ -122,6 +122,12 @@ def draw_ess(figure: Figure, comparison: Comparison) -> list[Axes]:
     figure.suptitle(_caption(comparison, sizes))
     legend_below(figure, *(pair[0] for pair in pairs))
     return [ax for pair in pairs for ax in pair]
+
+
+def ess_grid(n_solvers: int) -> tuple[int, int]:
+    """Return how many rows of how many solvers the figure of ESS has: rows of even length, as far as that goes."""
+    rows = -(-n_solvers // ABREAST)
+    return rows, -(-n_solvers // rows)
 
 
 def _caption(comparison: Comparison, sizes: list[int]) -> str:

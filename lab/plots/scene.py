@@ -84,17 +84,19 @@ def _draw_estimate(
 
 
 def _draw_names(ax: Axes, means: Array, marks: Array) -> None:
-    """Name each mean beside it, in that of eight directions where the nearest mark is farthest."""
+    """Name each mean beside it, in that of eight directions where the nearest mark or other name is farthest."""
     angles = np.radians([135, 45, 225, 315, 180, 0, 90, 270])
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    reach = 0.05 * np.ptp(marks, axis=0).max()
+    reach = 0.05 * max(ax.dataLim.width, ax.dataLim.height)  # about LABEL_DISTANCE on a page
     for i, mean in enumerate(means):
         spots = mean + reach * directions
         nearest = np.linalg.norm(spots[:, np.newaxis] - marks, axis=2).min(axis=1)
+        best = np.argmax(nearest.round(6))
+        marks = np.vstack([marks, spots[best]])
         ax.annotate(
             f"$m_{{{i}}}$" if i else "$r$",
             (mean[0], mean[1]),
-            xytext=tuple(LABEL_DISTANCE * directions[np.argmax(nearest.round(6))]),
+            xytext=tuple(LABEL_DISTANCE * directions[best]),
             textcoords="offset points",
             ha="center",
             va="center",

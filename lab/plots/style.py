@@ -87,7 +87,7 @@ def legend_below(figure: Figure, *axes: Axes) -> Legend:
             own[label] = (*own.get(label, ()), handle)
         entries = own | entries
     longest = max((len(line) for label in entries for line in label.splitlines()), default=1)
-    columns = max(1, int(13 * figure.get_figwidth() / (longest + 7)))  # 13 characters an inch, 7 for the sample
+    columns = max(1, int(13.5 * figure.get_figwidth() / (longest + 7)))  # characters an inch, and for the sample
     rows = -(-len(entries) // columns)
     handles: Any = list(entries.values())  # a tuple of artists is drawn as one sample, which the stubs do not know
     return figure.legend(handles, list(entries), loc="outside lower center", ncols=-(-len(entries) // max(rows, 1)))
