@@ -26,14 +26,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         try:
             from lab.cli.app import execute
 
-            status = execute(arguments)
+            status, message = execute(arguments)
+            if message and received:
+                raise KeyboardInterrupt
         except BaseException as error:
             # inside an import an interrupt comes out as any error
             if not received and not isinstance(error, KeyboardInterrupt):
                 raise
-            number = received[0] if received else signal.SIGINT
-            print("slam-lab: stopped; no half-written result remains.", file=sys.stderr)
-            status = 128 + number
+            status = 128 + (received[0] if received else signal.SIGINT)
+            message = "stopped; no half-written result remains."
+        if message:
+            print(f"slam-lab: {message}", file=sys.stderr)
     sys.exit(status)
 
 

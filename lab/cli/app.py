@@ -47,8 +47,15 @@ def _options(
         raise typer.Exit(MISUSED)
 
 
-def execute(arguments: Sequence[str] | None) -> int:
-    """Run a command and return its exit status; an error of the person who typed it is one sentence.
+def execute(arguments: Sequence[str] | None) -> tuple[int, str]:
+    """Run a command.
+
+    Returns
+    -------
+    status : int
+        For the process to leave with.
+    message : str
+        What the person who typed the command got wrong, in one sentence; empty when nothing.
 
     Raises
     ------
@@ -63,7 +70,7 @@ def execute(arguments: Sequence[str] | None) -> int:
         status = app(arguments, prog_name="slam-lab", standalone_mode=False) or 0
         if status == INTERRUPTED:  # typer swallows what caused it
             raise KeyboardInterrupt
-        return status
+        return status, ""
     except InputError as error:
         message = str(error)
     except RunError as error:
@@ -72,5 +79,4 @@ def execute(arguments: Sequence[str] | None) -> int:
         message = error.format_message() if hasattr(error, "format_message") else str(error)
     except OSError as error:
         message = f"{error.filename or 'The output'} cannot be written: {error.strerror or error}."
-    print(f"slam-lab: {message.rstrip('.')}.", file=sys.stderr)
-    return status
+    return status, f"{message.rstrip('.')}."
