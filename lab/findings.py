@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lab.compare import Comparison, Record
+from lab.comparison import Comparison, Record
 
 TOLERABLE_GAP = 0.3  # exact standard deviations: above it the picture of a posterior is visibly another one
 
@@ -25,11 +25,7 @@ def findings(comparison: Comparison) -> list[str]:
     -------
     list of str
     """
-    return [sentence for solver in _labels(comparison) for sentence in _about(comparison, solver)]
-
-
-def _labels(comparison: Comparison) -> list[str]:
-    return list(dict.fromkeys(record.unit.solver for record in comparison.records))
+    return [sentence for solver in comparison.solvers for sentence in _about(comparison, solver)]
 
 
 def _about(comparison: Comparison, solver: str) -> list[str]:
@@ -70,9 +66,10 @@ def _failure(comparison: Comparison, solver: str) -> str:
     failed = [record for record in comparison.failures if record.unit.solver == solver]
     n_all = sum(record.unit.solver == solver for record in comparison.records)
     unit = failed[0].unit
+    data_set = f"data set {unit.data_set}, " if len(comparison.problems) > 1 else ""
     return (
-        f"{solver}: {len(failed)} of {n_all} runs FAILED and are left out; the first is N = {unit.n_particles},"
-        f" run {unit.run}, seed {unit.seed}: {failed[0].error}"
+        f"{solver}: {len(failed)} of {n_all} runs FAILED and are left out; the first is {data_set}N ="
+        f" {unit.n_particles}, run {unit.run}, seed {unit.seed}: {failed[0].error}"
     )
 
 

@@ -4,7 +4,7 @@ Question answered: how many particles would it take?  A proposal of `lab.solvers
 particles by affine Gaussian maps, so the moments of its unnormalised weight W over all the particles that it could have
 drawn are Gaussian integrals.  Observing every z_k c times gives log E[W^c]: c = 1 is the evidence, and
 
-    lim ESS / N = E[W]^2 / E[W^2]   without resampling, N to infinity.
+    lim ESS / N = E[W]^2 / E[W^2]   since the last resampling, N to infinity.
 
 A finite cloud overstates its ESS once that falls near 1/N; the bias is governed by E[W^4] / E[W^2]^2.
 
@@ -24,7 +24,7 @@ from lab import gaussian
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers.exact import kalman, smoother
-from lab.solvers.proposals import GaussianProposal, delayed, optimal, prior, rbpf_optimal, rbpf_prior
+from lab.solvers.proposals import GaussianProposal, StepLaw, delayed, optimal, prior, rbpf_optimal, rbpf_prior
 from lab.validation import Array, InputError, whole_number
 
 PROPOSALS = {
@@ -34,6 +34,7 @@ PROPOSALS = {
     "rbpf-prior": rbpf_prior,
     "rbpf-optimal": rbpf_optimal,
 }
+ROUNDING = 1e-9
 VALID_GAP = 0.3  # exact standard deviations: beyond it the central limit theorem says nothing about a real cloud
 
 
@@ -58,43 +59,62 @@ def log_weight_moment(problem: Problem, proposal: str | GaussianProposal, power:
     InputError
         Unknown proposal, or z_k has no density under it.
     """
-    law_of, model = _resolve(proposal), problem.model
-    mean, cov = law_of.start_law(problem)  # of a particle tilted by W^power
-    logs = [0.0]
+    law_of = _resolve(proposal)
+    tilted, logs = law_of.start_law(problem), [0.0]
     for law in law_of.laws(problem):
-        mean, cov = model.F @ mean + model.B, model.F @ cov @ model.F.T
-        noise = law.spread @ law.spread.T
-        if law.draw_first:
-            cov = cov + noise
-        # N(z; H x, S)^c is N(z; H x, S / c) times a constant
-        p = len(law.z)
-        _, log_determinant = np.linalg.slogdet(law.S)
-        constant = -0.5 * ((power - 1) * (p * gaussian.LOG_2PI + log_determinant) + p * np.log(power))
-        mean, cov, log_evidence = gaussian.update(mean, cov, law.z, law.H, law.S / power)
-        logs.append(logs[-1] + float(log_evidence) + float(constant))
-        after = np.eye(len(mean)) - law.K @ law.H  # of the particle's own update
-        mean, cov = after @ mean + law.K @ law.z, after @ cov @ after.T
-        if not law.draw_first:
-            cov = cov + noise
+        tilted, increment = _step(problem, law, tilted, power)
+        logs.append(logs[-1] + increment)
     return np.array(logs)
 
 
-def forecast(problem: Problem, proposal: str | GaussianProposal) -> Array:
-    """Return log10 of the limiting ESS / N of a filter that never resamples.
+def forecast(problem: Problem, proposal: str | GaussianProposal, *, ess_threshold: float = 0.0) -> Array:
+    """Return log10 of the limiting ESS / N, before any resampling of that instant.
 
     Parameters
     ----------
     problem, proposal
         As `log_weight_moment`.
+    ess_threshold : float
+        Resample after every instant at which ESS / N is no more than this, from 0 (never) to 1 (always). The cloud then
+        starts afresh from the law of a particle given z_1..z_k.
 
     Returns
     -------
     (N,) array
-        Row 0 is 0; from the start, so between resamplings the fall counts from the last one.
+        Row 0 is 0.
     """
-    moments = [log_weight_moment(problem, proposal, power) for power in (1, 2)]
-    # rounding must not give more than N
-    return np.asarray(np.minimum((2 * moments[0] - moments[1]) / np.log(10), 0))
+    if not 0 <= ess_threshold <= 1:
+        raise InputError(f"ess_threshold must be between 0 and 1, not {ess_threshold}.")
+    law_of = _resolve(proposal)
+    once = twice = law_of.start_law(problem)
+    ratio, ratios = 0.0, [0.0]
+    for law in law_of.laws(problem):
+        once, log_mean = _step(problem, law, once, 1)
+        twice, log_square = _step(problem, law, twice, 2)
+        ratio += 2 * log_mean - log_square
+        ratios.append(ratio)
+        if ess_threshold > 0 and ratio <= np.log(ess_threshold) + ROUNDING:
+            twice, ratio = once, 0.0
+    return np.asarray(np.minimum(np.array(ratios) / np.log(10), 0))  # rounding must not give more than N
+
+
+def _step(problem: Problem, law: StepLaw, tilted: tuple[Array, Array], power: int) -> tuple[tuple[Array, Array], float]:
+    """Move the law of a particle tilted by W^power over one instant, and return what log E[W^power] gains."""
+    model, (mean, cov) = problem.model, tilted
+    mean, cov = model.F @ mean + model.B, model.F @ cov @ model.F.T
+    noise = law.spread @ law.spread.T
+    if law.draw_first:
+        cov = cov + noise
+    # N(z; H x, S)^c is N(z; H x, S / c) times a constant
+    p = len(law.z)
+    _, log_determinant = np.linalg.slogdet(law.S)
+    constant = -0.5 * ((power - 1) * (p * gaussian.LOG_2PI + log_determinant) + p * np.log(power))
+    mean, cov, log_evidence = gaussian.update(mean, cov, law.z, law.H, law.S / power)
+    after = np.eye(len(mean)) - law.K @ law.H  # of the particle's own update
+    mean, cov = after @ mean + law.K @ law.z, after @ cov @ after.T
+    if not law.draw_first:
+        cov = cov + noise
+    return (mean, cov), float(log_evidence) + float(constant)
 
 
 def particles_needed(problem: Problem, proposal: str | GaussianProposal, ess: float = 10) -> Array:

@@ -32,6 +32,14 @@ try:
 except BaseException:
     raise ImportError("initialization failed") from None  # what becomes of an interrupt inside numpy or scipy
 """
+INTERRUPTING = """
+import os, signal
+from lab.solvers import sir
+
+def interrupting(problem, rng, *, n_particles):
+    os.kill(os.getpid(), signal.SIGINT)
+    return sir(problem, rng, n_particles=n_particles)
+"""
 DEADLY = """
 import os
 
@@ -95,14 +103,14 @@ def test_an_interrupt_inside_an_import(here):
 
 
 @posix
-def test_a_job_in_the_background_ignores_interrupts(here):
-    ignoring = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
-    code = "import os, signal; from lab.cli import main; import lab.cli.app as app\n"
-    code += "app.execute = lambda _: (os.kill(os.getpid(), signal.SIGINT), (7, ''))[1]; main([])"
-    assert subprocess.run([sys.executable, "-c", code], preexec_fn=ignoring, timeout=100).returncode == 7
-    code = code.replace("(7, '')", "__import__('time').sleep(9)")
-    done = subprocess.run([sys.executable, "-c", code], preexec_fn=interruptible, capture_output=True, timeout=100)
-    assert done.stderr == b"slam-lab: stopped; no half-written result remains.\n"
+@pytest.mark.parametrize(("handler", "status"), [(signal.SIG_IGN, 0), (signal.SIG_DFL, 130)])
+def test_a_job_in_the_background_goes_on(here, handler, status):
+    """A shell starts it with interrupts ignored."""
+    (here / "own.py").write_text(INTERRUPTING)
+    inherited = partial(signal.signal, signal.SIGINT, handler)
+    done = start("run", "own.py:interrupting", "--particles", "5", cwd=here, preexec_fn=inherited)
+    assert done.status == status
+    assert ("log-evidence" in done.out) == (status == 0)
 
 
 def test_a_worker_that_dies_is_one_sentence(here):

@@ -7,8 +7,10 @@ import pytest
 from worlds import full_scenario, problem, reference
 
 from data_simulation import Scenario
-from lab.compare import Unit, compare, measure, plan, run_unit, unit_seed
+from lab.compare import Work, compare, plan, unit_seed
+from lab.comparison import Unit
 from lab.findings import findings
+from lab.metrics import measure
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import guided, kalman, rbpf, sir, sis
@@ -86,8 +88,8 @@ def test_deviations_of_rounding_are_left_out():
 def test_summary_by_hand(comparison):
     summary, runs = comparison.summary(), comparison.runs
     assert list(summary.columns) == [
-        *("solver", "n_particles", "runs", "mean_gap", "mean_gap_se", "cov_gap", "cov_gap_se", "log_evidence_gap"),
-        *("log_evidence_gap_se", "ess_min", "collapsed_at", "seconds_per_run", "ancestors_left"),
+        *("solver", "n_particles", "data_sets", "runs", "mean_gap", "mean_gap_se", "cov_gap", "cov_gap_se"),
+        *("log_evidence_gap", "log_evidence_gap_se", "ess_min", "collapsed_at", "seconds_per_run", "ancestors_left"),
     ]
     assert list(zip(summary["solver"], summary["n_particles"], strict=True)) == [
         *(("sis", 20), ("sis", 100), ("sir", 20), ("sir", 100))
@@ -124,7 +126,7 @@ def test_numbers_do_not_depend_on_order_workers_or_company(world, comparison):
 def test_a_seed_repeats_its_run(world, comparison):
     row = comparison.runs.query("solver == 'sir' and n_particles == 100 and run == 2").iloc[0]
     answer = sir(world, np.random.default_rng(row["seed"]), n_particles=100)
-    assert measure(answer, comparison.exact, 100, 0).mean_gap == row["mean_gap"]
+    assert measure(answer, comparison.exacts[0], 100, 0).mean_gap == row["mean_gap"]
 
 
 def test_seeds_differ_and_survive_a_spreadsheet():
@@ -298,7 +300,7 @@ def test_bound_options_reach_the_solver(world):
     assert runs["ancestors_left"].tolist() == [30]
 
 
-def test_run_unit_limits_blas_to_one_thread(world):
+def test_a_unit_limits_blas_to_one_thread(world):
     seen = []
 
     def spy(problem, rng, *, n_particles):
@@ -307,6 +309,6 @@ def test_run_unit_limits_blas_to_one_thread(world):
         seen.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
         return kalman(problem)
 
-    run_unit(world, kalman(world), spy, Unit("spy", 1, 0, 0))
+    Work((world,), (kalman(world),), {"spy": spy})(Unit("spy", 1, 0, 0))
     assert seen
     assert set(seen) == {1}

@@ -11,7 +11,8 @@ from matplotlib.patches import Ellipse
 from scipy.stats import chi2
 from worlds import experiment, full_scenario, problem
 
-from lab.compare import Comparison, compare
+from lab.compare import compare
+from lab.comparison import Comparison
 from lab.plots import draw_corridors, draw_ess, draw_gap, draw_map, legend_below, new_figure
 from lab.plots.style import ESTIMATE, EXACT, LOOKS, look, thinned, wrapped
 from lab.result import Filtered

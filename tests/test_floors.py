@@ -27,6 +27,10 @@ FLOORS = {
     "lab.theory": 3,
     "lab.ekfslam": 3,
     "lab.compare": 4,
+    "lab.comparison": 4,
+    "lab.execution": 4,
+    "lab.metrics": 4,
+    "lab.progress": 4,
     "lab.consistency": 4,
     "lab.plots": 4,
     "lab.cli": 5,
@@ -40,7 +44,9 @@ FLOORS = {
 # One way only, within a floor.
 SIDEWAYS = {
     "lab.problem": {"lab.records"},  # Experiment.load and save
-    "lab.plots": {"lab.compare"},  # a Comparison is a result
+    "lab.compare": {"lab.comparison", "lab.execution", "lab.metrics", "lab.progress"},
+    "lab.comparison": {"lab.metrics"},
+    "lab.plots": {"lab.comparison"},  # a result
     "lab.theory": {"lab.solvers"},  # the laws of the proposals, and the exact moments
     "lab.cli": {"lab.sweep", "lab.findings", "lab.checks", "lab.release", "lab.ekfslam.app"},
     "lab.__main__": {"lab.cli"},

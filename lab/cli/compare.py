@@ -10,7 +10,7 @@ from lab.cli.options import ExperimentFile, LandmarkNoise, OutputFolder, Scenari
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from lab.compare import Comparison
+    from lab.comparison import Comparison
     from lab.problem import Experiment
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from lab import plots
-from lab.compare import Comparison
+from lab.comparison import Comparison
 from lab.plots.comparison import ess_grid
 from lab.plots.corridors import MOST_LANDMARKS
 from lab.plots.style import new_figure, save_png
@@ -30,7 +30,7 @@ def write_comparison(
     on_done : function of int and int
         Told after each figure, or pair of figures, how many of how many are there.
     """
-    solvers = list(dict.fromkeys(record.unit.solver for record in comparison.records))
+    solvers = comparison.solvers
     runs = 1 + max(record.unit.run for record in comparison.records)
     figure = new_figure(10, 4.8)
     axes = figure.subplots(1, 2)
@@ -53,7 +53,7 @@ def write_comparison(
         if kept:
             best = max(kept, key=lambda record: record.unit.n_particles)
             label = f"{solver} (N = {best.unit.n_particles}, run {best.unit.run})"
-            write_estimate(folder, suffix, best.filtered, comparison.exact, experiment, label)
+            write_estimate(folder, suffix, best.filtered, comparison.exacts[0], experiment, label)
         on_done(3 + i, 2 + len(solvers))
 
 

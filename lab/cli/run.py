@@ -88,23 +88,24 @@ def _filter(
 ) -> tuple["Filtered | None", "Filtered", list[str]]:
     """Return the estimate (None for kalman itself), the exact answer, and what to say of the two."""
     from lab.cli.output import RunError
-    from lab.compare import Comparison, Unit, run_unit, unit_seed
+    from lab.compare import Work, unit_seed
+    from lab.comparison import Comparison, Unit
     from lab.findings import findings
     from lab.solvers import kalman
 
     exact = kalman(source.problem)
     if not prepared:
         return None, exact, [f"log-evidence {exact.log_evidence[-1]:.4f} (exact)"]
-    ((label, solver),) = prepared.items()
+    (label,) = prepared
     unit = Unit(label, n_particles, repetition, unit_seed(seed, label, n_particles, repetition))
-    record = run_unit(source.problem, exact, solver, unit, keep=True)
+    record = Work((source.problem,), (exact,), prepared, keep_moments=True)(unit)
     if record.filtered is None:
         raise RunError(f"{label}, N = {n_particles}, run {repetition}, seed {unit.seed} failed: {record.error}")
     lines = [
         f"log-evidence {record.filtered.log_evidence[-1]:.4f}, exact {exact.log_evidence[-1]:.4f}",
         f"mean gap {record.metrics.mean_gap:.4g} [exact std], cov gap {record.metrics.cov_gap:.4g} [relative],"
         f" {record.metrics.seconds:.2g} s, seed {unit.seed}",
-        *findings(Comparison(source.problem, exact, (record,))),
+        *findings(Comparison((source.problem,), (exact,), (record,))),
     ]
     return record.filtered, exact, lines
 

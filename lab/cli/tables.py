@@ -9,7 +9,7 @@ from lab.cli.output import console
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lab.compare import Comparison
+    from lab.comparison import Comparison
     from lab.validation import Array
 
 COLUMNS = (  # header, name, digits

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from lab.compare import Comparison
+from lab.comparison import Comparison
 from lab.plots.style import instants_axis, legend_below, look, plain_log_ticks, thinned, wrapped
 from lab.validation import Array
 
@@ -98,7 +98,7 @@ def draw_ess(figure: Figure, comparison: Comparison) -> list[Axes]:
     list of matplotlib.axes.Axes
         For each solver in turn, ESS and ancestors.
     """
-    solvers = list(dict.fromkeys(record.unit.solver for record in comparison.records))
+    solvers = comparison.solvers
     sizes = sorted({record.unit.n_particles for record in comparison.records})
     rows, width = ess_grid(len(solvers))
     grid = figure.subplots(2 * rows, width, sharex=True, sharey=True, squeeze=False)

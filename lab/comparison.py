@@ -1,0 +1,145 @@
+"""What a comparison found: the records of all units, the exact answers, and the tables that they add up to.
+
+Question answered: which filter, with how many particles, is how far from exact, with what standard error?  A unit is
+one run of one solver with one N on one data set.  Means are taken over the runs of a data set first, then over data
+sets, whose spread gives the standard error; with one data set it comes from the spread of the runs.
+Made by `lab.compare`, kept by `lab.sweep`, drawn by `lab.plots.comparison`.  Source: question 8 of the handout.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lab.metrics import Metrics
+from lab.problem import Problem
+from lab.result import Filtered
+from lab.theory import forecast, relative_log_variance
+from lab.validation import Array
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One run: the solver's label, how many particles, which repetition, its generator's seed, and which data set."""
+
+    solver: str
+    n_particles: int
+    run: int
+    seed: int
+    data_set: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What is kept of one unit.
+
+    Attributes
+    ----------
+    unit : Unit
+    metrics : Metrics
+    ess : (N,) array or None
+        Effective sample size over time, where the solver gives it.
+    survivors : (N,) array or None
+        Ancestors of time 0 still alive, likewise.
+    filtered : Filtered or None
+        All moments, kept for run 0 of data set 0, or for all runs when asked for.
+    error : str
+        Why the run has no metrics; empty when it has.
+    died : bool
+        Whether its worker died, which another attempt may survive; a solver that raises would raise again.
+    """
+
+    unit: Unit
+    metrics: Metrics
+    ess: Array | None = None
+    survivors: Array | None = None
+    filtered: Filtered | None = None
+    error: str = ""
+    died: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The records of all units, in the order data set, solver, N, run, and what they are measured against.
+
+    Attributes
+    ----------
+    problems : tuple of Problem
+        The data sets.
+    exacts : tuple of Filtered
+        The exact answer for each.
+    records : tuple of Record
+    designs : mapping of str to (str, float)
+        For each label whose filter the theory knows: its proposal in `lab.theory` and its resampling threshold.
+    """
+
+    problems: tuple[Problem, ...]
+    exacts: tuple[Filtered, ...]
+    records: tuple[Record, ...]
+    designs: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+
+    @cached_property
+    def runs(self) -> pd.DataFrame:
+        """One row per unit: data_set, solver, n_particles, run, seed, the metrics, and the error if it failed."""
+        rows = [{**asdict(r.unit), **asdict(r.metrics), "error": r.error} for r in self.records]
+        table = pd.DataFrame(rows)
+        return table[["data_set", *table.columns.drop("data_set")]]
+
+    def summary(self) -> pd.DataFrame:
+        """One row per solver and N: means over the runs that succeeded, with standard errors.
+
+        A standard error is that of the means of the data sets where there are several, else that of the runs.
+        `collapsed_at` is the median over the runs that collapsed, NaN when none did.
+        """
+        rows = []
+        for (solver, n_particles), group in self.runs.groupby(["solver", "n_particles"], sort=False):
+            good = group[group["error"] == ""]
+            each = good.groupby("data_set").mean(numeric_only=True) if len(self.problems) > 1 else good
+            row: dict[str, Any] = {"solver": solver, "n_particles": n_particles}
+            row |= {"data_sets": good["data_set"].nunique(), "runs": len(good)}
+            for name in ("mean_gap", "cov_gap", "log_evidence_gap"):
+                row[name] = each[name].mean()
+                row[f"{name}_se"] = each[name].std(ddof=1) / np.sqrt(max(len(each), 1))
+            row["ess_min"] = each["ess_min"].mean()
+            row["collapsed_at"] = good["collapsed_at"].median()
+            row["seconds_per_run"] = each["seconds"].mean()
+            row["ancestors_left"] = each["ancestors_left"].mean()
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+    @property
+    def solvers(self) -> list[str]:
+        """The labels, in the order in which they were given."""
+        return list(dict.fromkeys(record.unit.solver for record in self.records))
+
+    @property
+    def failures(self) -> tuple[Record, ...]:
+        """The records of the runs that failed."""
+        return tuple(record for record in self.records if record.error)
+
+    def of(self, solver: str, n_particles: int) -> list[Record]:
+        """Return the successful records of one solver and N, in the order of data sets and runs."""
+        return [r for r in self.records if (r.unit.solver, r.unit.n_particles) == (solver, n_particles) and not r.error]
+
+    @cached_property
+    def forecasts(self) -> dict[str, Array]:
+        """log10 of the limiting ESS / N on each data set, (data sets, N), by label, for filters that theory knows."""
+        return {
+            label: np.array([forecast(problem, proposal, ess_threshold=share) for problem in self.problems])
+            for label, (proposal, share) in self.designs.items()
+        }
+
+    @cached_property
+    def bootstrap_log_variances(self) -> Array:
+        """lab.theory.relative_log_variance on each data set, (data sets, N, n)."""
+        return np.array([relative_log_variance(problem) for problem in self.problems])
+
+    def _repr_html_(self) -> str:
+        """Show the summary in a notebook."""
+        table = self.summary().rename(columns=lambda name: name.replace("_", " "))
+        digits: str = table.to_html(index=False, float_format="{:.3g}".format, na_rep="", border=0)
+        failed = f"<p>{len(self.failures)} of {len(self.records)} runs failed.</p>" if self.failures else ""
+        return digits + failed

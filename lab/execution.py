@@ -1,0 +1,181 @@
+"""One function over many items: here, in worker processes, or on a Dask cluster, one result after the other.
+
+Question answered: who computes what, and what becomes of an item whose worker dies?  Every way yields results as they
+end, in no fixed order, and goes on when a worker is killed: that item's result is what `lost` makes of it.
+
+    execute(function, items, lost) -> iterator of results
+
+joblib's own process pool, loky, is used with one worker each, so that a death names its item: joblib.Parallel gives up
+all that is under way instead.  The cluster is reached through joblib's dask backend; its scheduler retries by itself.
+Knows no filters; called by `lab.compare`, chosen by `lab.sweep`.
+"""
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from contextlib import contextmanager
+from itertools import islice
+from typing import Any, Protocol, TypeVar
+
+import joblib
+from loky import ProcessPoolExecutor
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+DIED = "its worker process died: it was killed, ran out of memory, or the solver ended Python itself"
+
+
+class Execute(Protocol):
+    """The way units are run; see the module's docstring."""
+
+    def __call__(
+        self, function: Callable[[Item], Result], items: Sequence[Item], lost: Callable[[Item, str], Result]
+    ) -> Iterator[Result]:
+        """Yield one result for each item, in any order."""
+        ...
+
+
+def here(
+    function: Callable[[Item], Result], items: Sequence[Item], lost: Callable[[Item, str], Result]
+) -> Iterator[Result]:
+    """Run one item after the other in this process, which nothing can outlive."""
+    return map(function, items)
+
+
+def processes(
+    function: Callable[[Item], Result], items: Sequence[Item], lost: Callable[[Item, str], Result], *, jobs: int
+) -> Iterator[Result]:
+    """Run items in `jobs` worker processes (-1: one per processor), each with one item at a time.
+
+    Parameters
+    ----------
+    function : function of an item
+        Sent once to each worker.
+    items : sequence
+        Started in this order.
+    lost : function of item and str
+        Makes the result of an item whose worker died, given the reason; the worker is replaced.
+    jobs : int
+
+    Yields
+    ------
+    object
+        Results, in the order in which they end.
+    """
+    waiting = iter(items)
+    with _deaf_to_interrupts():
+        workers = [_Worker(function) for _ in range(min(joblib.cpu_count() if jobs == -1 else jobs, len(items)))]
+    try:
+        running = {worker.submit(item): (worker, item) for worker, item in zip(workers, waiting, strict=False)}
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                worker, item = running.pop(future)
+                try:
+                    result = future.result()
+                except BrokenExecutor:
+                    result = lost(item, DIED)
+                for following in islice(waiting, 1):  # before the result is looked at, so that the worker has work
+                    running[worker.submit(following)] = (worker, following)
+                yield result
+    finally:
+        for worker in workers:
+            worker.kill()
+
+
+def dask(
+    function: Callable[[Item], Result], items: Sequence[Item], lost: Callable[[Item, str], Result], *, client: Any
+) -> Iterator[Result]:
+    """Run items on the cluster behind a Dask client, through joblib.
+
+    Parameters
+    ----------
+    function, items, lost
+        As `processes`.
+    client : distributed.Client
+        Its scheduler moves an item to other workers when one dies, and gives up on an item that several died of.
+
+    Yields
+    ------
+    object
+        Results, in the order in which they end.
+    """
+    from distributed.scheduler import KilledWorker
+
+    waiting, suspects = list(items), 0
+    while waiting:
+        batch = waiting[:1] if suspects else waiting
+        suspects = max(suspects - 1, 0)
+        done = set()
+        with joblib.parallel_config(backend="dask", client=client, scatter=[function], n_jobs=-1):
+            in_flight = 2 * joblib.effective_n_jobs()  # joblib dispatches no more at once
+            results = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=in_flight)(
+                joblib.delayed(_numbered)(function, number, item) for number, item in enumerate(batch)
+            )
+        try:
+            for number, result in results:
+                done.add(number)
+                yield result
+        except KilledWorker:
+            if len(batch) == 1:
+                done.add(0)
+                yield lost(batch[0], DIED)
+            else:  # which one killed is known only when each runs alone
+                suspects = min(in_flight, len(batch) - len(done))
+        waiting = [item for number, item in enumerate(waiting) if number not in done]
+
+
+def _numbered(function: Callable[[Item], Result], number: int, item: Item) -> tuple[int, Result]:
+    return number, function(item)
+
+
+_function: Callable[[Any], Any]  # of a worker process, where `_install` puts it
+
+
+def _install(function: Callable[[Any], Any]) -> None:
+    global _function
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # in a worker that replaces another
+    _function = function
+
+
+def _call(item: Any) -> Any:
+    return _function(item)
+
+
+class _Worker:
+    """A pool of one process, started at once and again when it has died."""
+
+    def __init__(self, function: Callable[[Any], Any]) -> None:
+        self._function = function
+        self._start()
+        self._pool.submit(int)
+
+    def _start(self) -> None:
+        self._pool: Any = ProcessPoolExecutor(max_workers=1, initializer=_install, initargs=(self._function,))
+
+    def submit(self, item: Any) -> "Future[Any]":
+        try:
+            future: Future[Any] = self._pool.submit(_call, item)
+        except BrokenExecutor:
+            self.kill()
+            self._start()
+            future = self._pool.submit(_call, item)
+        return future
+
+    def kill(self) -> None:
+        self._pool.shutdown(kill_workers=True)
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Start processes that leave Ctrl-C to this one, which ends them; otherwise each would print its own traceback.
+
+    They inherit the blocked signal; here, one that comes meanwhile is delivered afterwards.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows, where `_install` must do
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
