@@ -16,11 +16,11 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from lab import execution
 from lab.comparison import Comparison, Record, Unit
@@ -143,6 +143,20 @@ def unit_seed(seed: int, solver: str, n_particles: int, run: int, data_set: int 
     return int(state) >> (64 - SEED_BITS)
 
 
+def data_set_seeds(seed: int, n_data_sets: int) -> list[int]:
+    """Return a seed for the simulation of each data set: `seed` itself, then others that depend on it and their number.
+
+    Raises
+    ------
+    InputError
+        Negative seed, or no data set.
+    """
+    whole_number("seed", seed, at_least=0)
+    numbers = range(1, whole_number("The number of data sets", n_data_sets, at_least=1))
+    states = (np.random.SeedSequence(seed, spawn_key=(i,)).generate_state(1, np.uint64)[0] for i in numbers)
+    return [seed, *(int(state) >> (64 - SEED_BITS) for state in states)]
+
+
 def designs(solvers: Mapping[str, Solver]) -> dict[str, tuple[str, float]]:
     """Return, for each filter of `lab.solvers`, its proposal as `lab.theory` names it and its resampling threshold."""
     found = {}
@@ -154,6 +168,17 @@ def designs(solvers: Mapping[str, Solver]) -> dict[str, tuple[str, float]]:
             share = 0.0 if function is sis else parameters["ess_threshold"]
             found[label] = (f"rbpf-{proposal}" if function is rbpf else proposal, share)
     return found
+
+
+def partial_comparison(
+    problems: Sequence[Problem], solvers: Mapping[str, Solver], records: Sequence[Record]
+) -> Comparison:
+    """Return what some finished records amount to."""
+    labels = list(solvers)
+    order = sorted(
+        records, key=lambda r: (r.unit.data_set, labels.index(r.unit.solver), r.unit.n_particles, r.unit.run)
+    )
+    return Comparison(tuple(problems), tuple(map(kalman, problems)), tuple(order), designs(solvers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +194,7 @@ class Work:
         """Run one unit and measure it; whatever the solver raises becomes the record's error."""
         problem, exact = self.problems[unit.data_set], self.exacts[unit.data_set]
         try:
-            with threadpool_limits(limits=1):  # threads inside BLAS reorder sums: a last digit can flip a resampling
+            with _threadpools().limit(limits=1):  # BLAS threads reorder sums: a last digit can flip a resampling
                 rng = np.random.default_rng(unit.seed)
                 start = time.perf_counter()
                 answer = self.solvers[unit.solver](problem, rng, n_particles=unit.n_particles)
@@ -180,6 +205,12 @@ class Work:
         keep = self.keep_moments or unit.run == unit.data_set == 0
         metrics = measure(filtered, exact, unit.n_particles, seconds)
         return Record(unit, metrics, filtered.ess, filtered.survivors, filtered if keep else None)
+
+
+@cache
+def _threadpools() -> ThreadpoolController:
+    """Find the libraries once: the search runs Python inside C, where an interrupt would be swallowed."""
+    return ThreadpoolController()
 
 
 def _data_sets(given: Problem | Sequence[Problem]) -> tuple[Problem, ...]:

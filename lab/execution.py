@@ -1,4 +1,4 @@
-"""One function over many items: here, in worker processes, or on a Dask cluster, one result after the other.
+"""One function over many items: here or in worker processes, one result after the other.
 
 Question answered: who computes what, and what becomes of an item whose worker dies?  Every way yields results as they
 end, in no fixed order, and goes on when a worker is killed: that item's result is what `lost` makes of it.
@@ -6,8 +6,7 @@ end, in no fixed order, and goes on when a worker is killed: that item's result 
     execute(function, items, lost) -> iterator of results
 
 joblib's own process pool, loky, is used with one worker each, so that a death names its item: joblib.Parallel gives up
-all that is under way instead.  The cluster is reached through joblib's dask backend; its scheduler retries by itself.
-Knows no filters; called by `lab.compare`, chosen by `lab.sweep`.
+all that is under way instead.  Knows no filters; called by `lab.compare`.  Other machines: `lab.cluster`.
 """
 
 import signal
@@ -80,52 +79,6 @@ def processes(
     finally:
         for worker in workers:
             worker.kill()
-
-
-def dask(
-    function: Callable[[Item], Result], items: Sequence[Item], lost: Callable[[Item, str], Result], *, client: Any
-) -> Iterator[Result]:
-    """Run items on the cluster behind a Dask client, through joblib.
-
-    Parameters
-    ----------
-    function, items, lost
-        As `processes`.
-    client : distributed.Client
-        Its scheduler moves an item to other workers when one dies, and gives up on an item that several died of.
-
-    Yields
-    ------
-    object
-        Results, in the order in which they end.
-    """
-    from distributed.scheduler import KilledWorker
-
-    waiting, suspects = list(items), 0
-    while waiting:
-        batch = waiting[:1] if suspects else waiting
-        suspects = max(suspects - 1, 0)
-        done = set()
-        with joblib.parallel_config(backend="dask", client=client, scatter=[function], n_jobs=-1):
-            in_flight = 2 * joblib.effective_n_jobs()  # joblib dispatches no more at once
-            results = joblib.Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch=in_flight)(
-                joblib.delayed(_numbered)(function, number, item) for number, item in enumerate(batch)
-            )
-        try:
-            for number, result in results:
-                done.add(number)
-                yield result
-        except KilledWorker:
-            if len(batch) == 1:
-                done.add(0)
-                yield lost(batch[0], DIED)
-            else:  # which one killed is known only when each runs alone
-                suspects = min(in_flight, len(batch) - len(done))
-        waiting = [item for number, item in enumerate(waiting) if number not in done]
-
-
-def _numbered(function: Callable[[Item], Result], number: int, item: Item) -> tuple[int, Result]:
-    return number, function(item)
 
 
 _function: Callable[[Any], Any]  # of a worker process, where `_install` puts it

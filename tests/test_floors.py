@@ -27,6 +27,7 @@ FLOORS = {
     "lab.theory": 3,
     "lab.ekfslam": 3,
     "lab.compare": 4,
+    "lab.cluster": 4,
     "lab.comparison": 4,
     "lab.execution": 4,
     "lab.metrics": 4,
@@ -45,6 +46,7 @@ FLOORS = {
 SIDEWAYS = {
     "lab.problem": {"lab.records"},  # Experiment.load and save
     "lab.compare": {"lab.comparison", "lab.execution", "lab.metrics", "lab.progress"},
+    "lab.cluster": {"lab.execution"},
     "lab.comparison": {"lab.metrics"},
     "lab.plots": {"lab.comparison"},  # a result
     "lab.theory": {"lab.solvers"},  # the laws of the proposals, and the exact moments

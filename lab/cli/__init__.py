@@ -24,17 +24,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     with _noting_signals() as received:
         try:
-            from lab.cli.app import execute
+            from lab.cli.app import INTERRUPTED, execute
 
             status, message = execute(arguments)
-            if message and received:
+            if message and received and status != INTERRUPTED:
                 raise KeyboardInterrupt
         except BaseException as error:
             # inside an import an interrupt comes out as any error
             if not received and not isinstance(error, KeyboardInterrupt):
                 raise
-            status = 128 + (received[0] if received else signal.SIGINT)
+            status = 128 + signal.SIGINT
             message = "stopped; no half-written result remains."
+        if received and message:
+            status = 128 + received[0]
         if message:
             print(f"slam-lab: {message}", file=sys.stderr)
     sys.exit(status)

@@ -9,7 +9,7 @@ from typer import TyperException
 import lab
 from lab.cli.compare import compare
 from lab.cli.forecast import forecast
-from lab.cli.output import RunError
+from lab.cli.output import RunError, Stopped
 from lab.cli.run import run
 from lab.cli.simulate import simulate
 from lab.validation import InputError
@@ -75,6 +75,8 @@ def execute(arguments: Sequence[str] | None) -> tuple[int, str]:
         message = str(error)
     except RunError as error:
         message, status = str(error), FAILED
+    except Stopped as error:
+        message, status = str(error), INTERRUPTED
     except TyperException as error:
         message = error.format_message() if hasattr(error, "format_message") else str(error)
     except OSError as error:

@@ -1,22 +1,30 @@
-"""``slam-lab compare``: particle moments against exact moments, over several N and several runs."""
+"""``slam-lab compare``: particle moments against exact moments, over several N, several runs, several data sets."""
 
+from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lab.cli import options
 from lab.cli.options import ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
+from lab.validation import InputError
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from contextlib import AbstractContextManager
 
-    from lab.comparison import Comparison
+    from lab.comparison import Comparison, Record
+    from lab.execution import Execute
     from lab.problem import Experiment
+    from lab.solvers import Solver
+    from lab.sweep import Unfinished
 
 
 def compare(
+    context: typer.Context,
     experiment: ExperimentFile = None,
     scenario: ScenarioName = None,
+    datasets: Annotated[int, typer.Option(metavar="D", help="Data sets: this many simulations of the scenario.")] = 1,
     solvers: Annotated[
         str,
         typer.Option(
@@ -28,91 +36,169 @@ def compare(
     particles: Annotated[str, typer.Option(metavar="LIST", help="Numbers of particles, comma-separated.")] = (
         "100,1000,10000"
     ),
-    runs: Annotated[int, typer.Option(metavar="R", help="Runs of each solver with each N.")] = 20,
+    runs: Annotated[int, typer.Option(metavar="R", help="Runs of each solver with each N on each data set.")] = 20,
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(metavar="J", help="Worker processes; -1 for one per processor.")] = 1,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is there instead.")
+    ] = None,
+    moments: Annotated[
+        bool, typer.Option("--moments", help="Write the moments of all runs at every instant, too (moments.parquet).")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the comparison that was stopped in --out DIR.")
+    ] = False,
     out: OutputFolder = None,
 ) -> None:
-    """Say how far the particle moments are from the exact Kalman moments."""
-    from contextlib import ExitStack
+    """Say how far the particle moments are from the exact Kalman moments.
 
+    With --out every finished run is kept at once: after Ctrl-C, a kill or a power cut, the same command with --resume
+    goes on where it was, to the same numbers.
+    """
     from lab.cli import output, tables
+    from lab.sweep import Unfinished
 
-    source = options.load_experiment(experiment, scenario, seed, landmark_noise)
-    named = options.parse_solvers(solvers.split(","), source)
-    sizes = options.parse_particles(particles)
-    arguments = {
-        "experiment": experiment,
-        "scenario": None if experiment else scenario or options.DEFAULT_SCENARIO,
-        "solvers": solvers,
-        "landmark-noise": landmark_noise,
-        "particles": particles,
-        "runs": runs,
-        "seed": seed,
-    }
-    inputs = output.fingerprints({"experiment": experiment, **options.student_files(named)})
+    unfinished = Unfinished(out) if out is not None else None
+    asked = _asked(context, unfinished, resume=resume)
+    sources = options.load_data_sets(
+        asked["experiment"], asked["scenario"], asked["seed"], asked["landmark-noise"], asked["datasets"]
+    )
+    named = options.parse_solvers(asked["solvers"].split(","), sources[0])
+    asked["scenario"] = None if asked["experiment"] else asked["scenario"] or options.DEFAULT_SCENARIO
+    inputs = output.fingerprints({"experiment": asked["experiment"], **options.student_files(named)})
+    config = output.describe("compare", asked, inputs)
     with ExitStack() as stack:
-        folder = stack.enter_context(output.result_folder(out)) if out is not None else None
-        comparison = _run(source, named, sizes, runs, seed, jobs)
+        if out is not None and unfinished is not None:
+            if resume and unfinished.config is None and output.is_complete(out, config):
+                typer.echo(f"The comparison in {out} is complete; there is nothing to resume.")
+                return
+            output.earlier_files(out)  # refused now rather than after the work
+            stack.enter_context(unfinished.begun(config))
+        with _execution(jobs, dask, named) as execute:
+            comparison = _run(sources, named, asked, execute, unfinished)
         with output.deaf_reader():
             tables.print_comparison(comparison)
-        if folder is not None:
-            comparison.summary().to_csv(folder / "summary.csv", index=False)
-            comparison.runs.to_csv(folder / "runs.csv", index=False)
-            source.save(folder / "experiment.npz")
-            _draw(folder, comparison, source)
-            output.write_config(folder, "compare", arguments, inputs)
-    if out is not None:
-        with output.deaf_reader():
-            typer.echo(f"\nTables and figures are in {out}.")
+        if out is not None and unfinished is not None:
+            with output.result_folder(out) as folder:
+                _write(folder, comparison, sources, config, moments=asked["moments"])
+            with output.deaf_reader():
+                typer.echo(f"\nTables and figures are in {out}.")
+            if any(record.died for record in comparison.failures):
+                with output.deaf_reader():
+                    typer.echo("The runs whose worker died can be tried again: the same command with --resume.")
+            else:
+                unfinished.remove()
     if comparison.failures:
         raise typer.Exit(1)
 
 
-def _run(
-    source: "Experiment", solvers: dict[str, Any], sizes: list[int], runs: int, seed: int, jobs: int
-) -> "Comparison":
-    """Compare behind a progress bar; a worker that dies takes the comparison with it."""
-    from concurrent.futures.process import BrokenProcessPool
+def _asked(context: typer.Context, unfinished: "Unfinished | None", *, resume: bool) -> dict[str, Any]:
+    """Return what decides the numbers, by the options' long names; --resume takes what is not given from the folder."""
+    from lab.cli import output
 
-    import lab.compare
-    from lab.cli.output import RunError
-
-    with _progress() as progress:
-        # the work of a run grows with N, beside an overhead of about 1000 particles' worth
-        bar = progress.add_task("comparing", total=sum(size + 1000 for size in sizes) * runs * len(solvers))
-        try:
-            return lab.compare.compare(
-                source.problem,
-                solvers,
-                n_particles=sizes,
-                runs=runs,
-                seed=seed,
-                jobs=jobs,
-                on_done=lambda record: progress.advance(bar, record.unit.n_particles + 1000),
+    names = [name for name in context.params if name not in ("jobs", "dask", "resume", "out")]
+    asked = {name.replace("_", "-"): context.params[name] for name in names}
+    if unfinished is None:
+        if resume:
+            raise InputError("--resume goes on with what is in --out DIR; say which folder.")
+        return asked
+    earlier = unfinished.config
+    if not resume:
+        if earlier is not None:
+            raise InputError(
+                f"{unfinished.folder.parent} holds {len(unfinished.finished())} finished runs of a comparison that was"
+                f" stopped; go on with it by --resume, or remove {unfinished.folder} to begin again."
             )
-        except BrokenProcessPool:
-            raise RunError(
-                "a worker process died: it was killed, ran out of memory, or a solver ended Python itself;"
-                " nothing is written."
-            ) from None
+        return asked
+    earlier = earlier or output.earlier_config(unfinished.folder.parent)
+    if earlier is None:
+        typer.echo(f"Nothing to resume in {unfinished.folder.parent}: beginning.", err=True)
+        return asked
+    origins = {name.replace("_", "-"): context.get_parameter_source(name) for name in names}
+    given = {name for name, origin in origins.items() if origin is not None and origin.name != "DEFAULT"}
+    if given & {"experiment", "scenario"}:
+        given |= {"experiment", "scenario"}
+    recorded = {name: earlier["arguments"].get(name) for name in asked}
+    if recorded["experiment"] is not None:
+        recorded["experiment"] = Path(recorded["experiment"])
+    recorded["moments"] = bool(recorded["moments"])
+    return {name: asked[name] if name in given else recorded[name] for name in asked}
 
 
-def _draw(folder: Any, comparison: "Comparison", source: "Experiment") -> None:
-    from lab.cli import pictures
+def _execution(jobs: int, address: str | None, solvers: "dict[str, Solver]") -> "AbstractContextManager[Execute]":
+    """Return the way to run units; a student's file, which may end Python, never runs in this process."""
+    from contextlib import nullcontext
+    from functools import partial
 
-    with _progress() as progress:
-        bar = progress.add_task("drawing")
-        pictures.write_comparison(
-            folder, comparison, source, lambda done, total: progress.update(bar, completed=done, total=total)
+    from lab import cluster, execution
+
+    if jobs < 1 and jobs != -1:
+        raise InputError(f"--jobs must be at least 1, or -1 for one per processor, not {jobs}.")
+    if address is not None:
+        return cluster.connect(address)
+    if jobs == 1 and not options.student_files(solvers):
+        return nullcontext(execution.here)
+    return nullcontext(partial(execution.processes, jobs=jobs))
+
+
+def _run(
+    sources: "list[Experiment]",
+    solvers: "dict[str, Solver]",
+    asked: dict[str, Any],
+    execute: "Execute",
+    unfinished: "Unfinished | None",
+) -> "Comparison":
+    """Compare behind a progress bar; a stop leaves what is finished, and says so."""
+    import lab.compare
+    from lab.cli import tables
+    from lab.cli.output import RunError, Stopped, deaf_reader
+    from lab.cluster import ClusterError
+    from lab.sweep import resumable
+
+    problems = [source.problem for source in sources]
+    records: list[Record] = []
+    settings = {"n_particles": options.parse_particles(asked["particles"]), "runs": asked["runs"]}
+    if unfinished is not None:
+        execute = resumable(execute, unfinished)
+    try:
+        return lab.compare.compare(
+            problems,
+            solvers,
+            **settings,
+            seed=asked["seed"],
+            keep_moments=asked["moments"],
+            progress=True,
+            execute=execute,
+            on_done=records.append,
         )
+    except (KeyboardInterrupt, ClusterError) as error:
+        if not records:
+            raise
+        n_units = len(problems) * len(solvers) * len(settings["n_particles"]) * settings["runs"]
+        with deaf_reader():
+            tables.print_comparison(lab.compare.partial_comparison(problems, solvers, records))
+        share = f"{len(records)} of {n_units} runs are finished"
+        kept = f"kept in {unfinished.folder}; --resume goes on with the others" if unfinished else "in the table"
+        if isinstance(error, ClusterError):
+            raise RunError(f"{error}; {share} and {kept}.") from None
+        raise Stopped(f"stopped; {share} and {kept}.") from None
 
 
-def _progress() -> "Progress":
-    """Return a progress display on standard error, silent when that is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+def _write(
+    folder: Path, comparison: "Comparison", sources: "list[Experiment]", config: dict[str, Any], *, moments: bool
+) -> None:
+    """Write tables, figures, data and configuration."""
+    from lab.cli import output, pictures
+    from lab.progress import progress_bar
+    from lab.sweep import moments_table
 
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    comparison.summary().to_csv(folder / "summary.csv", index=False)
+    comparison.runs.to_csv(folder / "runs.csv", index=False)
+    comparison.runs.to_parquet(folder / "runs.parquet", index=False)
+    if moments:
+        moments_table(comparison).to_parquet(folder / "moments.parquet", index=False)
+    for i, source in enumerate(sources):
+        source.save(folder / ("experiment.npz" if len(sources) == 1 else f"experiment-{i}.npz"))
+    with progress_bar("drawing", 1) as advance:
+        pictures.write_comparison(folder, comparison, sources[0], lambda _, total: advance(1 / total))
+    output.write_config(folder, config)

@@ -48,7 +48,9 @@ def forecast(
             _table(forecasts, needed, bootstrap).to_csv(folder / "forecast.csv", index=False)
             source.save(folder / "experiment.npz")
             pictures.write_forecast(folder, forecasts, errors, theory.VALID_GAP)
-            output.write_config(folder, "forecast", arguments, output.fingerprints({"experiment": experiment}))
+            output.write_config(
+                folder, output.describe("forecast", arguments, output.fingerprints({"experiment": experiment}))
+            )
     if out is not None:
         with output.deaf_reader():
             typer.echo(f"\nTables and figures are in {out}.")

@@ -77,6 +77,24 @@ def simulate_scenario(name: str, seed: int) -> "Simulation":
     return data_simulation(scenario=scenario_named(name), rng=whole_number("--seed", seed, at_least=0))
 
 
+def load_data_sets(
+    file: Path | None, scenario: str | None, seed: int, landmark_noise: float, n_data_sets: int
+) -> "list[Experiment]":
+    """Return the experiment that the options ask for, followed by fresh simulations where several are wanted.
+
+    Raises
+    ------
+    InputError
+        As `load_experiment`, or several are wanted of a file.
+    """
+    from lab.compare import data_set_seeds
+
+    if file is not None and n_data_sets > 1:
+        raise InputError("--datasets simulates afresh, and --experiment is one data set; give one of the two.")
+    seeds = data_set_seeds(seed, n_data_sets)
+    return [load_experiment(file, scenario, each, landmark_noise) for each in seeds]
+
+
 def load_experiment(file: Path | None, scenario: str | None, seed: int, landmark_noise: float) -> "Experiment":
     """Return the experiment that the options ask for, with landmark jitter in its model.
 

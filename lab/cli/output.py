@@ -20,6 +20,7 @@ import lab
 from lab.validation import InputError
 
 CONFIG = "config.json"
+TEMPORARY = ".partial-"
 PROGRAM = "slam-lab"
 PACKAGES = ("numpy", "scipy", "filterpy", "matplotlib", "pandas", "joblib")
 UNBOUNDED = 10_000  # columns of a file, which has no width
@@ -27,6 +28,10 @@ UNBOUNDED = 10_000  # columns of a file, which has no width
 
 class RunError(Exception):
     """What was asked for could not be computed, through no fault of the command: one sentence, and status 1."""
+
+
+class Stopped(Exception):
+    """Ctrl-C, or the polite end that batch systems ask for, and what remains of the work: one sentence."""
 
 
 def console() -> Console:
@@ -66,8 +71,10 @@ def result_folder(path: Path) -> Iterator[Path]:
     try:
         with _named_in_errors(path):
             path.mkdir(parents=True, exist_ok=True)
-            earlier = _earlier_files(path)
-            temporary = Path(tempfile.mkdtemp(prefix=".partial-", dir=path))
+            earlier = earlier_files(path)
+            for left_over in path.glob(f"{TEMPORARY}*"):  # of a process that was killed
+                shutil.rmtree(left_over, ignore_errors=True)
+            temporary = Path(tempfile.mkdtemp(prefix=TEMPORARY, dir=path))
         try:
             yield temporary
             with _named_in_errors(path):
@@ -98,13 +105,11 @@ def fingerprints(files: dict[str, Path | None]) -> dict[str, dict[str, str]]:
     return found
 
 
-def write_config(folder: Path, command: str, arguments: dict[str, Any], inputs: dict[str, dict[str, str]]) -> None:
-    """Write config.json: the command that repeats the result, its input files, and the versions used.
+def describe(command: str, arguments: dict[str, Any], inputs: dict[str, dict[str, str]]) -> dict[str, Any]:
+    """Return how a result is made: the command that repeats it, its input files, and the versions used.
 
     Parameters
     ----------
-    folder : Path
-        Holds the result's other files, which are listed.
     command : str
         Such as "compare".
     arguments : dict
@@ -112,19 +117,26 @@ def write_config(folder: Path, command: str, arguments: dict[str, Any], inputs: 
     inputs : dict
         What `fingerprints` returned.
     """
-    given = {name: value for name, value in arguments.items() if value is not None}
-    words = [f"--{name}={value}" if name != "solver" else str(value) for name, value in given.items()]
-    config = {
+    given = {name: value for name, value in arguments.items() if value is not None and value is not False}
+    words = [
+        str(value) if name == "solver" else f"--{name}" if value is True else f"--{name}={value}"
+        for name, value in given.items()
+    ]
+    return {
         "repeat": shlex.join([PROGRAM, command, *words]),
         "command": command,
         "arguments": {name: value if isinstance(value, int | float) else str(value) for name, value in given.items()},
         "inputs": inputs,
-        "files": sorted([CONFIG, *(file.name for file in folder.iterdir())]),
         "versions": {"toy-slam-lab": lab.__version__, "python": platform.python_version()}
         | {name: version(name) for name in PACKAGES},
         "platform": platform.platform(),
     }
-    (folder / CONFIG).write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
+
+
+def write_config(folder: Path, config: dict[str, Any]) -> None:
+    """Write config.json: what `describe` returned, and the names of the result's other files, which are there."""
+    files = sorted([CONFIG, *(file.name for file in folder.iterdir())])
+    (folder / CONFIG).write_text(json.dumps(config | {"files": files}, indent=2) + "\n", encoding="utf-8")
 
 
 @contextmanager
@@ -135,19 +147,53 @@ def _named_in_errors(path: Path) -> Iterator[None]:
         raise InputError(f"The folder {path} cannot be written to: {error.strerror or error}.") from None
 
 
-def _earlier_files(path: Path) -> list[str]:
-    """Return the plain file names that an earlier result in this folder lists as its own."""
+def earlier_config(path: Path) -> dict[str, Any] | None:
+    """Return the config.json of an earlier result in this folder; None when there is none.
+
+    Raises
+    ------
+    InputError
+        It is another program's.
+    """
     try:
         config = json.loads((path / CONFIG).read_text(encoding="utf-8"))
-        ours = config["repeat"].startswith(f"{PROGRAM} ")
-        names = [name for name in config["files"] if Path(name).name == name]
-    except FileNotFoundError:
-        return []
-    except (ValueError, KeyError, TypeError, AttributeError):
-        ours, names = False, []
+        ours = config["repeat"].startswith(f"{PROGRAM} ") and isinstance(config["files"], list)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        ours = False
     if not ours:
         raise InputError(f"The folder {path} holds a {CONFIG} that is not ours; choose another folder.")
-    return names
+    return config  # type: ignore[no-any-return]
+
+
+def is_complete(path: Path, config: dict[str, Any]) -> bool:
+    """Whether the folder holds the result that `config` asks for.
+
+    Raises
+    ------
+    InputError
+        It holds another one.
+    """
+    earlier = earlier_config(path)
+    if earlier is None:
+        return False
+    if all(_decisive(earlier, part) == _decisive(config, part) for part in ("command", "arguments", "inputs")):
+        return True
+    raise InputError(f"The folder {path} holds another finished result; leave out --resume to replace it.")
+
+
+def _decisive(config: dict[str, Any], part: str) -> Any:
+    """Return the part of a config without the names of files, which may be written in several ways."""
+    if part == "inputs":
+        return {what: file["sha256"] for what, file in config["inputs"].items()}
+    return {k: v for k, v in config[part].items() if k != "experiment"} if part == "arguments" else config[part]
+
+
+def earlier_files(path: Path) -> list[str]:
+    """Return the plain file names that an earlier result in this folder lists as its own."""
+    config = earlier_config(path)
+    return [name for name in config["files"] if Path(name).name == name] if config else []
 
 
 def _move(temporary: Path, path: Path, earlier: list[str]) -> None:

@@ -65,7 +65,7 @@ def run(
             table.to_csv(folder / "moments.csv", index=False)
             source.save(folder / "experiment.npz")
             pictures.write_estimate(folder, "", filtered, exact, source, name)
-            output.write_config(folder, "run", arguments, inputs)
+            output.write_config(folder, output.describe("run", arguments, inputs))
     if out is not None:
         with output.deaf_reader():
             typer.echo(f"\nTables and figures are in {out}.")

@@ -1,0 +1,228 @@
+"""A comparison that survives its end: every finished unit is a file, and what is left goes on from there.
+
+Question answered: what remains after Ctrl-C, a kill or a power cut, and how does the work continue?  Beside the result
+that a folder may hold already, `unfinished/` keeps
+
+    config.json                  what was asked for, and the versions that compute it
+    LABEL-N-RUN-DATASET.parquet  one row per finished unit: metrics, and what is kept over time
+
+each written under another name and renamed when it is whole.  A unit's seed depends on nothing but the unit, so the
+result of a comparison that was stopped ten times equals that of one that never was, but for the seconds.
+Called by the command line; in Python, `resumable` goes into the `execute` of `lab.compare.compare`.
+"""
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lab.comparison import Comparison, Record, Unit
+from lab.execution import Execute
+from lab.metrics import Metrics
+from lab.records.files import atomic_path
+from lab.result import Filtered
+from lab.validation import Array, InputError
+
+FOLDER = "unfinished"
+CONFIG = "config.json"
+SERIES = ("ess", "survivors")
+MOMENTS = ("means", "covs", "log_evidence")
+NUMERIC_VERSIONS = ("toy-slam-lab", "numpy", "scipy", "filterpy")  # others change no number
+
+
+class Unfinished:
+    """The finished units of a comparison under way, in a folder of their own inside the result's.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the result goes; `unfinished/` is made inside by `begun`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder / FOLDER
+
+    @property
+    def config(self) -> dict[str, Any] | None:
+        """What the comparison under way was asked for; None when there is none.
+
+        Raises
+        ------
+        InputError
+            The folder holds something else under that name.
+        """
+        try:
+            config = json.loads((self.folder / CONFIG).read_text(encoding="utf-8"))
+            assert isinstance(config["arguments"], dict)
+            assert isinstance(config["inputs"], dict)
+            assert isinstance(config["versions"], dict)
+        except FileNotFoundError:
+            if self.folder.exists() and any(self.folder.iterdir()):
+                raise InputError(
+                    f"{self.folder} holds no {CONFIG} and so is not ours; choose another folder."
+                ) from None
+            return None
+        except (OSError, ValueError, KeyError, TypeError, AssertionError):
+            raise InputError(f"{self.folder / CONFIG} is not ours, or damaged; choose another folder.") from None
+        return config  # type: ignore[no-any-return]
+
+    @contextmanager
+    def begun(self, config: dict[str, Any]) -> Iterator[None]:
+        """Make the folder, or go on in the one that is there; when the block ends and nothing is finished, remove it.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be written to, or what is in it was begun with other arguments, inputs or versions.
+        """
+        earlier = self.config
+        if earlier is not None:
+            _check_same(earlier, config, self.folder)
+        made = [folder for folder in self.folder.parents if not folder.exists()]
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with atomic_path(self.folder / CONFIG) as path:
+                path.write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
+            yield
+        except OSError as error:
+            raise InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.") from None
+        finally:
+            if not any(self._parts()):
+                self.remove()
+                for folder in made:
+                    with suppress(OSError):  # not empty
+                        folder.rmdir()
+
+    def finished(self) -> dict[Unit, Record]:
+        """Return the records kept so far; a part that cannot be read is as good as none."""
+        records = {}
+        for part in self._parts():
+            try:
+                record = _record(pd.read_parquet(part).iloc[0].to_dict())
+            except (OSError, ValueError, KeyError, IndexError, TypeError):
+                continue
+            records[record.unit] = record
+        return records
+
+    def keep(self, record: Record) -> None:
+        """Write one record, unless its worker died: that is to be tried again."""
+        if not record.died:
+            with atomic_path(self.folder / _name(record.unit)) as path:
+                pd.DataFrame([_row(record)]).to_parquet(path, index=False)
+
+    def _parts(self) -> list[Path]:
+        return sorted(self.folder.glob("[!.]*.parquet"))
+
+    def remove(self) -> None:
+        """Forget everything, once the result is written or nothing was finished."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def resumable(execute: Execute, unfinished: Unfinished) -> Execute:
+    """Return a way to run units that takes those already finished from the folder, and keeps the others there.
+
+    Parameters
+    ----------
+    execute : Execute
+        For the units that are left.
+    unfinished : Unfinished
+        Begun.
+    """
+
+    def run(
+        function: Callable[[Unit], Record], items: Sequence[Unit], lost: Callable[[Unit, str], Record]
+    ) -> Iterator[Record]:
+        known = unfinished.finished()
+        yield from (known[unit] for unit in items if unit in known)
+        for record in execute(function, [unit for unit in items if unit not in known], lost):
+            unfinished.keep(record)
+            yield record
+
+    return run  # type: ignore[return-value]
+
+
+def moments_table(comparison: Comparison) -> pd.DataFrame:
+    """Return one row per data set, solver, N, run and instant whose moments were kept, and per instant of the exact.
+
+    Columns: data_set, solver ("exact" with N = 0 for the Kalman filter), n_particles, run, k, log_evidence, ess,
+    survivors, mean (n values [m]) and cov (n x n values [m^2], row by row).
+    """
+    tables = [
+        _instants(exact, {"data_set": i, "solver": "exact", "n_particles": 0, "run": 0})
+        for i, exact in enumerate(comparison.exacts)
+    ]
+    for record in comparison.records:
+        if record.filtered is not None:
+            unit = asdict(record.unit)
+            unit.pop("seed")
+            tables.append(_instants(record.filtered, {"data_set": unit.pop("data_set"), **unit}))
+    return pd.concat(tables, ignore_index=True)
+
+
+def _instants(filtered: Filtered, unit: dict[str, Any]) -> pd.DataFrame:
+    none = np.full(len(filtered.means), np.nan)
+    return pd.DataFrame(
+        {
+            **unit,
+            "k": np.arange(len(filtered.means)),
+            "log_evidence": filtered.log_evidence,
+            "ess": none if filtered.ess is None else filtered.ess,
+            "survivors": none if filtered.survivors is None else filtered.survivors,
+            "mean": list(filtered.means),
+            "cov": [cov.ravel() for cov in filtered.covs],
+        }
+    )
+
+
+def _check_same(earlier: dict[str, Any], config: dict[str, Any], folder: Path) -> None:
+    for name in sorted({*earlier["arguments"], *config["arguments"]} - {"experiment"}):  # files count by contents
+        before, now = earlier["arguments"].get(name), config["arguments"].get(name)
+        if before != now:
+            raise InputError(f"{folder} was begun with --{name} {before}, not {now}; give the same, or leave it out.")
+    for what in sorted({*earlier["inputs"], *config["inputs"]}):
+        before, now = (each["inputs"].get(what, {}) for each in (earlier, config))
+        if before.get("sha256") != now.get("sha256"):
+            file = now.get("file") or before.get("file")
+            raise InputError(f"{file} is not the file with which {folder} was begun: the results would not fit.")
+    for name in NUMERIC_VERSIONS:
+        before, now = earlier["versions"].get(name), config["versions"].get(name)
+        if before != now:
+            raise InputError(f"{folder} was begun with {name} {before}, and this is {now}: the results would not fit.")
+
+
+def _name(unit: Unit) -> str:
+    label = hashlib.sha256(unit.solver.encode()).hexdigest()[:12]  # a label may be no file name
+    return f"{label}-{unit.n_particles}-{unit.run}-{unit.data_set}.parquet"
+
+
+def _row(record: Record) -> dict[str, Any]:
+    row = {**asdict(record.unit), **asdict(record.metrics), "error": record.error}
+    row |= {name: getattr(record, name) for name in SERIES}
+    kept = record.filtered
+    return row | {name: None if kept is None else np.ravel(getattr(kept, name)) for name in MOMENTS}
+
+
+def _record(row: dict[str, Any]) -> Record:
+    unit = Unit(*(field_type(row[name]) for name, field_type in _UNIT_TYPES.items()))
+    metrics = Metrics(**{field.name: float(row[field.name]) for field in fields(Metrics)})
+    ess, survivors = (_array(row[name]) for name in SERIES)
+    kept = None
+    means, covs, log_evidence = (_array(row[name]) for name in MOMENTS)
+    if means is not None and covs is not None and log_evidence is not None:
+        shape = (len(log_evidence), len(means) // len(log_evidence))
+        kept = Filtered(means.reshape(shape), covs.reshape(*shape, shape[1]), log_evidence, ess, survivors)
+    return Record(unit, metrics, ess, survivors, kept, str(row["error"]))
+
+
+_UNIT_TYPES = {"solver": str, "n_particles": int, "run": int, "seed": int, "data_set": int}
+
+
+def _array(value: Any) -> Array | None:
+    return None if value is None else np.asarray(value)

@@ -1,0 +1,106 @@
+"""Units in worker processes: every result once, deaths named, no worker left behind."""
+
+import os
+import signal
+import time
+from functools import partial
+
+import joblib
+import pytest
+
+from lab import execution
+
+
+def lost(item, reason):
+    return ("lost", item, reason)
+
+
+def work(item, *, deadly=()):
+    if item in deadly:
+        os._exit(3)
+    return (item * item, os.getpid())
+
+
+@pytest.mark.parametrize("jobs", [1, 3])
+def test_each_item_once_in_as_many_processes_as_asked_for(jobs):
+    results = list(execution.processes(work, range(12), lost, jobs=jobs))
+    assert sorted(square for square, _ in results) == [i * i for i in range(12)]
+    workers = {worker for _, worker in results}
+    assert os.getpid() not in workers
+    assert 1 <= len(workers) <= jobs
+
+
+def test_one_worker_per_processor_and_none_too_many(monkeypatch):
+    monkeypatch.setattr(joblib, "cpu_count", lambda: 3)
+    made = []
+    for items, jobs, expected in ((range(9), -1, 3), (range(2), -1, 2), (range(9), 2, 2), ([], 2, 0)):
+        made.clear()
+        monkeypatch.setattr(execution, "_Worker", partial(Counted, made))
+        assert len(list(execution.processes(work, items, lost, jobs=jobs))) == len(items)
+        assert len(made) == expected
+
+
+class Counted:
+    """A worker of this process."""
+
+    def __init__(self, made, function):
+        made.append(self)
+        self.function = function
+
+    def submit(self, item):
+        future = execution.Future()
+        future.set_result(self.function(item))
+        return future
+
+    def kill(self):
+        pass
+
+
+def test_here_is_this_process_in_the_given_order():
+    assert list(execution.here(work, [3, 1], lost)) == [(9, os.getpid()), (1, os.getpid())]
+
+
+def test_a_death_loses_its_own_item_only():
+    results = list(execution.processes(partial(work, deadly={0, 4, 11}), range(12), lost, jobs=2))
+    assert sorted(item for kind, item, *_ in (r for r in results if r[0] == "lost")) == [0, 4, 11]
+    assert sorted(r[0] for r in results if r[0] != "lost") == sorted(i * i for i in {*range(12)} - {0, 4, 11})
+    assert all("worker process died" in r[2] for r in results if r[0] == "lost")
+
+
+def test_a_worker_killed_from_outside_between_two_items_costs_one_at_most():
+    """It may be found dead before it is given the next item, or after."""
+    results = []
+    for result in execution.processes(work, range(4), lost, jobs=1):
+        results.append(result)
+        if len(results) == 1:
+            time.sleep(0.5)  # the next is done by now, and its worker idle
+            os.kill(result[1], signal.SIGKILL)
+    assert [r[0] for r in results if r[0] != "lost"] in ([0, 1, 4, 9], [0, 1, 9])
+    assert len(results) == 4
+
+
+def test_what_the_function_raises_is_raised_and_no_process_remains():
+    with pytest.raises(TypeError):
+        list(execution.processes(work, [1, "a"], lost, jobs=1))
+    results = execution.processes(work, range(4), lost, jobs=2)
+    worker = next(results)[1]
+    results.close()
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline and alive(worker):
+        time.sleep(0.05)
+    assert not alive(worker)
+
+
+def alive(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs POSIX signals")
+def test_workers_leave_an_interrupt_to_this_process():
+    for result in execution.processes(work, range(3), lost, jobs=1):
+        os.kill(result[1], signal.SIGINT)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
