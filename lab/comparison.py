@@ -98,8 +98,7 @@ class Comparison:
         for (solver, n_particles), group in self.runs.groupby(["solver", "n_particles"], sort=False):
             good = group[group["error"] == ""]
             each = good.groupby("data_set").mean(numeric_only=True) if len(self.problems) > 1 else good
-            row: dict[str, Any] = {"solver": solver, "n_particles": n_particles}
-            row |= {"data_sets": good["data_set"].nunique(), "runs": len(good)}
+            row: dict[str, Any] = {"solver": solver, "n_particles": n_particles, "runs": len(good)}
             for name in ("mean_gap", "cov_gap", "log_evidence_gap"):
                 row[name] = each[name].mean()
                 row[f"{name}_se"] = each[name].std(ddof=1) / np.sqrt(max(len(each), 1))
@@ -107,6 +106,7 @@ class Comparison:
             row["collapsed_at"] = good["collapsed_at"].median()
             row["seconds_per_run"] = each["seconds"].mean()
             row["ancestors_left"] = each["ancestors_left"].mean()
+            row["data_sets"] = good["data_set"].nunique()
             rows.append(row)
         return pd.DataFrame(rows)
 

@@ -13,6 +13,7 @@ Called by the command line; in Python, `resumable` goes into the `execute` of `l
 
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -60,17 +61,19 @@ class Unfinished:
         """
         try:
             config = json.loads((self.folder / CONFIG).read_text(encoding="utf-8"))
-            assert isinstance(config["arguments"], dict)
-            assert isinstance(config["inputs"], dict)
-            assert isinstance(config["versions"], dict)
-        except FileNotFoundError:
-            if self.folder.exists() and any(self.folder.iterdir()):
+            ours = all(isinstance(config[part], dict) for part in ("arguments", "inputs", "versions"))
+        except (FileNotFoundError, NotADirectoryError):
+            if os.path.isdir(self.folder) and any(self.folder.iterdir()):
                 raise InputError(
                     f"{self.folder} holds no {CONFIG} and so is not ours; choose another folder."
                 ) from None
             return None
-        except (OSError, ValueError, KeyError, TypeError, AssertionError):
-            raise InputError(f"{self.folder / CONFIG} is not ours, or damaged; choose another folder.") from None
+        except OSError as error:
+            raise self._unusable(error) from None
+        except (ValueError, KeyError, TypeError):
+            ours = False
+        if not ours:
+            raise InputError(f"{self.folder / CONFIG} is not ours, or damaged; choose another folder.")
         return config  # type: ignore[no-any-return]
 
     @contextmanager
@@ -85,14 +88,16 @@ class Unfinished:
         earlier = self.config
         if earlier is not None:
             _check_same(earlier, config, self.folder)
-        made = [folder for folder in self.folder.parents if not folder.exists()]
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            made = [folder for folder in self.folder.parents if not folder.exists()]
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(exist_ok=True)
             with atomic_path(self.folder / CONFIG) as path:
                 path.write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
-            yield
         except OSError as error:
-            raise InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.") from None
+            raise self._unusable(error) from None
+        try:
+            yield
         finally:
             if not any(self._parts()):
                 self.remove()
@@ -116,6 +121,9 @@ class Unfinished:
         if not record.died:
             with atomic_path(self.folder / _name(record.unit)) as path:
                 pd.DataFrame([_row(record)]).to_parquet(path, index=False)
+
+    def _unusable(self, error: OSError) -> InputError:
+        return InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.")
 
     def _parts(self) -> list[Path]:
         return sorted(self.folder.glob("[!.]*.parquet"))

@@ -233,7 +233,7 @@ def test_an_animation_that_fails_takes_the_experiment_with_it(here, monkeypatch)
 )
 def test_folders_that_cannot_be_written(here, program, folder, words, monkeypatch):
     """It is said before the work."""
-    monkeypatch.setattr(lab.compare, "run_unit", None)
+    monkeypatch.setattr(lab.compare.Work, "__call__", None)
     (here / "file").write_text("mine")
     call(*program, "--out", folder).assert_refused(words)
     assert os.listdir(here) == ["file"]
@@ -247,7 +247,7 @@ def test_a_second_result_in_the_same_folder_replaces_the_first(here):
     assert (here / "result" / "map-old.png").exists()
     call("compare", *QUICK, "--solvers", "sis", "--seed", "1", "--out", "result")
     names = ["config.json", "corridors-sis.png", "ess.png", "experiment.npz", "gap.png", "map-sis.png", "mine.txt"]
-    assert sorted(everything_in(here / "result")) == [*names, "runs.csv", "summary.csv"]
+    assert sorted(everything_in(here / "result")) == [*names, "runs.csv", "runs.parquet", "summary.csv"]
     assert "old" not in (here / "result" / "runs.csv").read_text()
     call("run", "kalman", "--out", "result")
     names = ["config.json", "corridors.png", "experiment.npz", "map.png", "mine.txt", "moments.csv"]
@@ -280,7 +280,10 @@ def test_a_folder_in_the_place_of_a_file(here):
     done = call("compare", *QUICK, "--out", "result")
     assert done.status == 2
     assert done.err == "slam-lab: The folder result holds a folder runs.csv where a file of the result belongs.\n"
-    assert os.listdir(here / "result") == ["runs.csv"]
+    assert sorted(os.listdir(here / "result")) == ["runs.csv", "unfinished"]
+    (here / "result" / "runs.csv").rmdir()
+    assert call("compare", "--resume", "--out", "result").status == 0
+    assert (here / "result" / "runs.csv").is_file()
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -288,14 +291,14 @@ def test_a_folder_in_the_place_of_a_file(here):
 @pytest.mark.parametrize(
     ("where", "error", "status"),
     [
-        ("lab.compare.run_unit", KeyboardInterrupt(), 130),
-        ("lab.compare.run_unit", OSError(28, "No space left on device"), 2),
+        ("lab.compare.Work.__call__", KeyboardInterrupt(), 130),
+        ("lab.compare.Work.__call__", OSError(28, "No space left on device"), 2),
         ("lab.cli.pictures.write_comparison", KeyboardInterrupt(), 130),
         ("lab.cli.pictures.write_comparison", OSError(28, "No space left on device"), 2),
         ("lab.cli.pictures.write_comparison", ZeroDivisionError("a mistake of ours"), None),
     ],
 )
-def test_nothing_is_left_after_an_error(here, monkeypatch, where, error, status, earlier):
+def test_only_finished_runs_are_left_after_an_error(here, monkeypatch, where, error, status, earlier):
     """Nor is an earlier result touched."""
 
     def fail(*_, **__):
@@ -313,8 +316,15 @@ def test_nothing_is_left_after_an_error(here, monkeypatch, where, error, status,
         assert done.status == status
         assert done.err.count("\n") == 1
         assert done.err.startswith("slam-lab: ")
-    assert everything_in(here) == before
-    assert os.listdir(here) == (["deep"] if earlier else [])
+    kept = {name for name in everything_in(here) if name.startswith("deep/result/unfinished/")}
+    assert {name: text for name, text in everything_in(here).items() if name not in kept} == before
+    if where.startswith("lab.compare"):
+        assert not kept
+        assert os.listdir(here) == (["deep"] if earlier else [])
+    else:
+        assert len(kept) == 2
+        if isinstance(error, KeyboardInterrupt):
+            assert "stopped; all 1 runs are finished and kept" in done.err
 
 
 @pytest.mark.parametrize("command", ["compare", "run"])

@@ -40,12 +40,6 @@ def interrupting(problem, rng, *, n_particles):
     os.kill(os.getpid(), signal.SIGINT)
     return sir(problem, rng, n_particles=n_particles)
 """
-DEADLY = """
-import os
-
-def deadly(problem, rng, *, n_particles):
-    os._exit(3)
-"""
 
 
 def interruptible():
@@ -111,14 +105,6 @@ def test_a_job_in_the_background_goes_on(here, handler, status):
     done = start("run", "own.py:interrupting", "--particles", "5", cwd=here, preexec_fn=inherited)
     assert done.status == status
     assert ("log-evidence" in done.out) == (status == 0)
-
-
-def test_a_worker_that_dies_is_one_sentence(here):
-    (here / "deadly.py").write_text(DEADLY)
-    arguments = ("--solvers", "deadly.py:deadly", "--runs", "2", "--jobs", "2", "--out", "result")
-    done = start("compare", *arguments, cwd=here)
-    done.assert_refused("a worker process died", "nothing is written", status=1)
-    assert not (here / "result").exists()
 
 
 @posix

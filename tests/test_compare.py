@@ -88,8 +88,16 @@ def test_deviations_of_rounding_are_left_out():
 def test_summary_by_hand(comparison):
     summary, runs = comparison.summary(), comparison.runs
     assert list(summary.columns) == [
-        *("solver", "n_particles", "data_sets", "runs", "mean_gap", "mean_gap_se", "cov_gap", "cov_gap_se"),
-        *("log_evidence_gap", "log_evidence_gap_se", "ess_min", "collapsed_at", "seconds_per_run", "ancestors_left"),
+        *("solver", "n_particles", "runs", "mean_gap", "mean_gap_se", "cov_gap", "cov_gap_se"),
+        *(
+            "log_evidence_gap",
+            "log_evidence_gap_se",
+            "ess_min",
+            "collapsed_at",
+            "seconds_per_run",
+            "ancestors_left",
+            "data_sets",
+        ),
     ]
     assert list(zip(summary["solver"], summary["n_particles"], strict=True)) == [
         *(("sis", 20), ("sis", 100), ("sir", 20), ("sir", 100))

@@ -79,8 +79,12 @@ def compare(
         with output.deaf_reader():
             tables.print_comparison(comparison)
         if out is not None and unfinished is not None:
-            with output.result_folder(out) as folder:
-                _write(folder, comparison, sources, config, moments=asked["moments"])
+            try:
+                with output.result_folder(out) as folder:
+                    _write(folder, comparison, sources, config, moments=asked["moments"])
+            except KeyboardInterrupt:
+                kept = f"all {len(comparison.records)} runs are finished and kept in {unfinished.folder}"
+                raise output.Stopped(f"stopped; {kept}; --resume writes the result.") from None
             with output.deaf_reader():
                 typer.echo(f"\nTables and figures are in {out}.")
             if any(record.died for record in comparison.failures):
