@@ -57,7 +57,7 @@ def connect(address: str) -> Iterator[Execute]:
 
 def _connected(Client: Any, address: str) -> Iterator[Execute]:
     try:
-        client: Any = Client(address, timeout=CONNECTING, set_as_default=False)  # type: ignore[no-untyped-call]
+        client: Any = Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"No Dask scheduler answers at {address}: {_first_line(error)}.") from None
     try:

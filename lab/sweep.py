@@ -88,15 +88,15 @@ class Unfinished:
         earlier = self.config
         if earlier is not None:
             _check_same(earlier, config, self.folder)
+        made = [folder for folder in self.folder.parents if not os.path.exists(folder)]
         try:
-            made = [folder for folder in self.folder.parents if not folder.exists()]
-            self.folder.parent.mkdir(parents=True, exist_ok=True)
-            self.folder.mkdir(exist_ok=True)
-            with atomic_path(self.folder / CONFIG) as path:
-                path.write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise self._unusable(error) from None
-        try:
+            try:
+                self.folder.parent.mkdir(parents=True, exist_ok=True)
+                self.folder.mkdir(exist_ok=True)
+                with atomic_path(self.folder / CONFIG) as path:
+                    path.write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
+            except OSError as error:
+                raise self._unusable(error) from None
             yield
         finally:
             if not any(self._parts()):
