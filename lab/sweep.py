@@ -126,7 +126,7 @@ class Unfinished:
         return InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.")
 
     def _parts(self) -> list[Path]:
-        return sorted(self.folder.glob("[!.]*.parquet"))
+        return sorted(self.folder.glob("[!.]*.parquet")) if os.path.isdir(self.folder) else []
 
     def remove(self) -> None:
         """Forget everything, once the result is written or nothing was finished."""
