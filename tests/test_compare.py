@@ -7,13 +7,14 @@ import pytest
 from worlds import full_scenario, problem, reference
 
 from data_simulation import Scenario
-from lab.compare import Work, compare, plan, unit_seed
+from lab.compare import Work, compare, data_set_seeds, designs, partial_comparison, plan, unit_seed
 from lab.comparison import Unit
 from lab.findings import findings
 from lab.metrics import measure
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import guided, kalman, rbpf, sir, sis
+from lab.theory import forecast
 from lab.validation import InputError
 
 
@@ -306,6 +307,62 @@ def test_findings_of_a_good_filter_say_so(world):
 def test_bound_options_reach_the_solver(world):
     runs = compare(world, {"a": partial(sir, ess_threshold=0.0)}, n_particles=[30], runs=1).runs
     assert runs["ancestors_left"].tolist() == [30]
+
+
+def test_the_theory_knows_our_filters_by_their_options(world):
+    solvers = {
+        "a": sis,
+        "b": partial(sir, ess_threshold=0.2),
+        "c": guided,
+        "d": partial(guided, proposal="optimal"),
+        "e": partial(rbpf, proposal="prior", ess_threshold=0.9),
+        "mine": answer_with(),
+    }
+    assert designs(solvers) == {
+        "a": ("prior", 0.0),
+        "b": ("prior", 0.2),
+        "c": ("delayed", 0.5),
+        "d": ("optimal", 0.5),
+        "e": ("rbpf-prior", 0.9),
+    }
+    result = compare([world, world], solvers, n_particles=10, runs=1)
+    assert {*result.forecasts} == {*"abcde"}
+    assert (result.forecasts["b"][1] == forecast(world, "prior", ess_threshold=0.2)).all()
+    assert result.bootstrap_log_variances.shape == (2, 12, 6)
+
+
+def test_data_sets_that_do_not_fit_each_other(world):
+    with pytest.raises(InputError, match="must have the same numbers of instants and landmarks"):
+        compare([world, problem(full_scenario(1, n_steps=12))], {"sis": sis}, n_particles=10)
+    with pytest.raises(InputError, match="no data set is given"):
+        compare([], {"sis": sis}, n_particles=10)
+
+
+def test_seeds_of_data_sets():
+    seeds = data_set_seeds(7, 20)
+    assert seeds[0] == 7
+    assert len({*seeds, *data_set_seeds(8, 20)}) == 40
+    assert data_set_seeds(7, 3) == seeds[:3]
+    assert max(seeds) < 10**15
+
+
+def test_it_shows_itself_in_a_notebook(comparison):
+    page = comparison._repr_html_()
+    assert page.count("<tr") == 5
+    assert "<th>mean gap</th>" in page
+    assert f"<td>{comparison.summary()['mean_gap'][0]:.3g}</td>" in page
+    assert "failed" not in page
+
+
+def test_progress_is_silent_where_nobody_watches(world, capfd):
+    compare(world, {"sis": sis}, n_particles=[10], runs=2, progress=True)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_part_of_a_comparison_is_one_too(world, comparison):
+    part = partial_comparison([world], {"sis": sis, "sir": sir}, comparison.records[8:6:-1])
+    assert part.runs.equals(comparison.runs.iloc[7:9].reset_index(drop=True))
+    assert part.designs == comparison.designs
 
 
 def test_a_unit_limits_blas_to_one_thread(world):

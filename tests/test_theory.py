@@ -33,9 +33,9 @@ def test_the_first_moment_is_the_evidence(world, proposal):
     np.testing.assert_allclose(moment, kalman(problem).log_evidence, rtol=1e-9, atol=1e-8)
 
 
-def by_simulation(world, proposal, n_particles, runs):
-    """Return (sum W)^2 / (N sum W^2) of clouds never resampled: mean over runs and its standard error, (N,) each."""
-    options = {"n_particles": n_particles, "ess_threshold": 0.0, "resample": "systematic"}
+def by_simulation(world, proposal, n_particles, runs, ess_threshold=0.0):
+    """Return (sum W)^2 / (N sum W^2) of clouds: mean over runs and its standard error, (N,) each."""
+    options = {"n_particles": n_particles, "ess_threshold": ess_threshold, "resample": "systematic"}
     law = theory.PROPOSALS[proposal]
     ratios = np.array(
         [
@@ -62,6 +62,23 @@ def test_forecast_is_what_clouds_do(name, proposal):
     assert checked[1]
     assert (np.abs(mean - limit) <= 5 * error + 0.01 * limit + 1e-9)[checked].all()
     assert limit[checked].min() < 0.75  # else the line above proves little
+
+
+@pytest.mark.parametrize("proposal", ["delayed", "rbpf-prior", "rbpf-optimal"])
+def test_forecast_goes_on_after_resampling(proposal):
+    """Within five standard errors, and a bias of 2 %; no forecast ratio is so near the threshold that runs disagree."""
+    world = cut(reference(1).problem, 7)
+    limit = 10 ** theory.forecast(world, proposal, ess_threshold=0.3)
+    assert (np.abs(limit - 0.3) > 0.03).all()
+    mean, error = by_simulation(world, proposal, 20_000, 12, ess_threshold=0.3)
+    assert (np.abs(mean - limit) <= 5 * error + 0.02 * limit).all()
+    once = 10 ** theory.forecast(world, proposal)
+    after = int(np.argmax(limit <= 0.3))
+    np.testing.assert_array_equal(limit[: after + 1], once[: after + 1])
+    assert (limit[after + 1 :] > 2 * once[after + 1 :]).all()
+    assert (theory.forecast(world, proposal, ess_threshold=1.0) >= theory.forecast(world, proposal)).all()
+    with pytest.raises(InputError, match="ess_threshold must be between 0 and 1, not 2"):
+        theory.forecast(world, proposal, ess_threshold=2)
 
 
 def test_particles_needed_and_reach():
