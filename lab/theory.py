@@ -19,6 +19,7 @@ Source: Chopin and Papaspiliopoulos, An Introduction to Sequential Monte Carlo (
 """
 
 import numpy as np
+from scipy.special import logsumexp
 
 from lab import gaussian
 from lab.problem import Problem
@@ -166,6 +167,36 @@ def particles_for_validity(ratios: Array) -> Array:
     """Return the N (N,) from which the prediction holds for all components, given their `relative_log_variance`."""
     with np.errstate(over="ignore"):
         return np.asarray(np.exp(ratios.max(axis=1)) / VALID_GAP**2)
+
+
+def predicted_gap(ratios: Array, n_particles: Array) -> tuple[Array, float]:
+    """Return the bootstrap filter's predicted gap of the mean over k >= 1, and the N that it takes to predict it.
+
+    The gap is the root mean square, over instants and uncertain components, averaged over data sets.  The squares are
+    expected ones, so the mean of the runs' own gaps lies a little below.
+
+    Parameters
+    ----------
+    ratios : (D, N, n) array
+        `relative_log_variance` of D data sets.
+    n_particles : (S,) array
+        Numbers of particles.
+
+    Returns
+    -------
+    gaps : (S,) array
+        [exact std]; NaN where some component of some instant would exceed 0.3.
+    log10_needed : float
+        log10 of the number of particles from which none does; -inf where nothing is uncertain.
+    """
+    later = ratios[:, 1:]
+    squares = logsumexp(later, axis=(1, 2)) - np.log(np.maximum(np.isfinite(later).sum(axis=(1, 2)), 1))
+    log10_needed = float((later.max() - 2 * np.log(VALID_GAP)) / np.log(10))
+    log_sizes = np.log(n_particles)
+    gaps = np.full(len(log_sizes), np.nan)
+    holds = log_sizes / np.log(10) >= log10_needed - ROUNDING
+    gaps[holds] = np.exp((squares - log_sizes[holds, np.newaxis]) / 2).mean(axis=1)
+    return gaps, log10_needed
 
 
 def relative_log_variance(problem: Problem) -> Array:
