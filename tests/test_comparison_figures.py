@@ -299,6 +299,7 @@ def test_cost_of_which_there_is_nothing_to_draw(easy, solver, words):
     ax = draw_cost(figure.subplots(), compare(easy, {"a": solver}, n_particles=[5, 10], runs=2))
     drawn(figure)
     assert [text.get_text() for text in ax.texts] == [words]
+    assert ax.get_legend_handles_labels()[1] == ["a"]
 
 
 # loop closure

@@ -1,9 +1,9 @@
-"""A comparison in pictures: gaps to the exact filter against N and against seconds, and the evidence.
+"""A comparison in pictures: gaps to the exact filter against N and against seconds.
 
 Question answered: how many particles, and how many seconds, buy how much accuracy?  An error that is only Monte-Carlo
 noise falls like N^(-1/2), so that slope is drawn beside the measured ones, and so is the error that theory predicts of
-the bootstrap filter, as far as the prediction holds.  The health of the cloud over time, `draw_ess`, and what happens
-when a loop is closed, `draw_loop_closure`, have modules of their own and are found here too.
+the bootstrap filter, as far as the prediction holds.  The evidence, the health of the cloud over time, and what happens
+when a loop is closed have modules of their own and are found here too.
 
     draw_gap(ax, comparison); legend_below(figure, ax)
 
@@ -12,14 +12,15 @@ Source: questions 5 to 8 of the handout.
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, NullLocator
 from pandas import DataFrame
 
 from lab import theory
 from lab.comparison import Comparison
+from lab.plots.evidence import draw_evidence
 from lab.plots.health import draw_ess, ess_grid
 from lab.plots.loop_closure import draw_loop_closure
-from lab.plots.style import EXACT, HALO, HATCHES, free_spot, look, plain_log_ticks, say, wrapped
+from lab.plots.style import EXACT, HALO, free_spot, look, plain_log_ticks, say, wrapped
 from lab.validation import Array
 
 __all__ = ["draw_cost", "draw_ess", "draw_evidence", "draw_gap", "draw_loop_closure", "ess_grid"]
@@ -28,8 +29,6 @@ METRIC_NAMES = {
     "mean_gap": "gap of the mean [exact std]",
     "cov_gap": "relative gap of the covariance [-]",
 }
-FEWEST = 5  # runs that a box can stand for; fewer are points
-WIDE = 30  # nats: beyond it the evidence is drawn on a logarithmic scale, or all but the worst filter lie on zero
 
 
 def draw_gap(ax: Axes, comparison: Comparison, metric: str = "mean_gap") -> Axes:
@@ -61,6 +60,8 @@ def draw_gap(ax: Axes, comparison: Comparison, metric: str = "mean_gap") -> Axes
         _draw_prediction(ax, comparison.bootstrap_log_variances, sizes)
     if len(sizes) == 1:
         ax.set_xlim(sizes[0] / 3, sizes[0] * 3)
+    elif not len(shown):
+        ax.set_xlim(sizes[0] / 1.3, sizes[-1] * 1.3)
     ticks = [sizes[0]]
     for size in sizes[1:]:
         if size >= ticks[-1] * (sizes[-1] / sizes[0]) ** 0.1:  # or the numbers touch
@@ -92,7 +93,7 @@ def draw_cost(ax: Axes, comparison: Comparison, metric: str = "mean_gap") -> Axe
     good = comparison.runs[comparison.runs["error"] == ""]
     medians = good.groupby(["solver", "n_particles"])["seconds"].median()
     summary = comparison.summary().join(medians, on=["solver", "n_particles"])
-    shown = _draw_means(ax, summary[summary["seconds"] > 0], metric, "seconds")
+    shown = _draw_means(ax, summary, metric, "seconds")
     if len(shown):
         low, high = ax.get_xlim()
         widen = max(1.3, np.sqrt(10 * low / high))  # room for the numbers beside the points
@@ -106,57 +107,11 @@ def draw_cost(ax: Axes, comparison: Comparison, metric: str = "mean_gap") -> Axe
     return ax
 
 
-def draw_evidence(ax: Axes, comparison: Comparison) -> Axes:
-    """Draw box plots of estimated minus exact log-evidence, solvers side by side, groups by N.
-
-    Box: quartiles and median; whiskers: to the last run within 1.5 box lengths; circles: runs beyond.  Fewer than five
-    runs are drawn as points.  The scale is logarithmic beyond one nat where a run is further off than thirty.
-
-    Parameters
-    ----------
-    ax : matplotlib.axes.Axes
-        The legend is left to the caller, as `legend_below`.
-    comparison : Comparison
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-    """
-    sizes = sorted({record.unit.n_particles for record in comparison.records})
-    solvers = comparison.solvers
-    ax.axhline(0, color=EXACT, linewidth=1, label="exact")
-    reach = 0.0
-    for i, solver in enumerate(solvers):
-        label = wrapped(solver)
-        for j, size in enumerate(sizes):
-            values = np.array([record.metrics.log_evidence_gap for record in comparison.of(solver, size)])
-            if len(values):
-                position = j + 0.84 * ((i + 0.5) / len(solvers) - 0.5)
-                _draw_box(ax, values, position, 0.84 / len(solvers), index=i, label=label)
-                label, reach = "", max(reach, float(np.abs(values).max()))
-    for j in range(len(sizes) - 1):
-        ax.axvline(j + 0.5, color="0.8", linewidth=0.8)
-    ax.set_xlim(-0.5, len(sizes) - 0.5)
-    ax.set_xticks(range(len(sizes)), list(map(str, sizes)))
-    ax.set_xlabel("number of particles $N$ [-]")
-    scale = ""
-    if reach > WIDE:
-        _symlog(ax)
-        scale = "\nlogarithmic beyond ±1"
-    elif not reach:
-        ax.set_ylim(-1, 1)
-    ax.set_ylabel(f"estimated minus exact log-evidence{scale} [nat]")
-    if not any(comparison.of(solver, size) for solver in solvers for size in sizes):
-        say(ax, "every run failed\n\n")  # above the line of the exact value
-    ax.grid(visible=True, axis="y", linewidth=0.3)
-    return ax
-
-
 def _draw_means(ax: Axes, summary: DataFrame, metric: str, abscissa: str) -> DataFrame:
     """Draw a line with standard errors per solver in log-log, and return the rows that could be drawn."""
-    shown = summary[summary[metric] > 0]  # what failed has no gap, and zero has no logarithm
+    there = (summary[metric] > 0) & (summary[abscissa] > 0)  # what failed has no gap, and zero has no logarithm
     for i, (solver, rows) in enumerate(summary.groupby("solver", sort=False)):
-        rows = rows[rows[metric] > 0].sort_values("n_particles")
+        rows = rows[there[rows.index]].sort_values("n_particles")
         style = look(i)
         ax.errorbar(
             rows[abscissa],
@@ -169,7 +124,7 @@ def _draw_means(ax: Axes, summary: DataFrame, metric: str, abscissa: str) -> Dat
         )
     ax.set_xscale("log")
     ax.set_yscale("log")
-    if not len(shown):
+    if not there.any():
         say(ax, "the gap is zero" if summary["runs"].any() else "every run failed")
         ax.set_ylim(0.1, 1)
     low, high = ax.get_ylim()
@@ -178,7 +133,7 @@ def _draw_means(ax: Axes, summary: DataFrame, metric: str, abscissa: str) -> Dat
     plain_log_ticks(ax.yaxis)
     ax.set_ylabel(METRIC_NAMES[metric])
     ax.grid(visible=True, which="both", linewidth=0.3)
-    return shown
+    return summary[there]
 
 
 def _draw_prediction(ax: Axes, ratios: Array, sizes: Array) -> None:
@@ -216,45 +171,3 @@ def _name_points(ax: Axes, abscissae: DataFrame, ordinates: DataFrame, sizes: Da
                 path_effects=HALO,
                 zorder=5,
             )
-
-
-def _draw_box(ax: Axes, values: Array, position: float, width: float, *, index: int, label: str) -> None:
-    style = look(index)
-    if len(values) < FEWEST:
-        ax.plot(
-            np.full(len(values), position),
-            values,
-            color=style.color,
-            linestyle="none",
-            marker=style.marker,
-            fillstyle="none",
-            label=label,
-        )
-        return
-    parts = ax.boxplot(
-        [values],
-        positions=[position],
-        widths=0.8 * width,
-        patch_artist=True,
-        manage_ticks=False,
-        medianprops={"color": "black", "linewidth": 1.5},
-        flierprops={"markersize": 3, "markeredgecolor": style.color},
-        whiskerprops={"color": style.color},
-        capprops={"color": style.color},
-    )
-    (box,) = parts["boxes"]
-    box.set(facecolor=(style.color, 0.3), edgecolor=style.color, hatch=HATCHES[index % len(HATCHES)], label=label)
-
-
-def _symlog(ax: Axes) -> None:
-    """Make the ordinate linear within one nat and logarithmic beyond, with numbers at powers of ten."""
-    low, high = ax.dataLim.intervaly
-    ax.set_yscale("symlog", linthresh=1)
-    ax.set_ylim(min(1.5 * low, -1), max(1.5 * high, 1))
-    low, high = ax.get_ylim()
-    decades = np.arange(np.ceil(np.log10(max(-low, high))))
-    tens = 10.0 ** decades[:: -(-len(decades) // 4)]  # five would crowd when both signs are there
-    ax.yaxis.set_major_locator(FixedLocator([tick for tick in [*-tens[::-1], 0, *tens] if low <= tick <= high]))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_minor_formatter(NullFormatter())
