@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from lab.comparison import Comparison, Record
-from lab.plots.style import ESTIMATE, EXACT, instants_axis, legend_below, look, say, wrapped
+from lab.plots.style import ESTIMATE, EXACT, instants_axis, legend_below, look, record_in_words, say, wrapped
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.validation import Array
@@ -115,7 +115,7 @@ def draw_loop_closure(figure: Figure, comparison: Comparison, solver: str | None
     solver = comparison.solvers[0] if solver is None else solver
     record = kept(comparison, solver)
     estimate = record.filtered if record else None
-    name = f"{solver} (N = {record.unit.n_particles}, run {record.unit.run})" if record else f"{solver} (no run kept)"
+    name = record_in_words(comparison, record) if record else f"{solver} (no run kept)"
     closure = loop_closure(problem, exact)
     if closure is None:
         ax = figure.subplots()
@@ -166,7 +166,7 @@ def _draw_deviations(
     starts, ends = (np.flatnonzero(np.diff(in_view.astype(int)) == sign) for sign in (1, -1))
     for start, end in zip(starts, ends, strict=True):
         ax.axvspan(start - 0.5, end - 0.5, color="0.9", zorder=0, label=f"$m_{{{closure.landmark + 1}}}$ in view")
-    ax.set_ylim(bottom=0)
+    _from_zero(ax)
     ax.set_ylabel("standard deviation [m]")
     ax.set_title(_share(shown, closure, "landmarks over time"), fontsize="medium")
 
@@ -240,12 +240,17 @@ def _draw_change(ax: Axes, exact: Filtered, estimate: Filtered | None, closure: 
             span.set(facecolor="0.85" if i == closure.landmark else "white", edgecolor="0.85", hatch=hatch)
     ax.set_xticks(positions, [f"$m_{{{i + 1}}}$" for i in compared])
     ax.set_xlim(-0.6, len(compared) - 0.4)
-    ax.set_ylim(0, 1.08 * ax.dataLim.y1)
+    _from_zero(ax)
     ax.set_xlabel("landmark [-]")
     ax.set_ylabel("standard deviation [m]")
     share = f", {len(compared)} of {n_landmarks} landmarks" if len(compared) < n_landmarks else ""
     ax.set_title(f"before and after the landmark is seen again{share}", fontsize="medium")
     ax.grid(visible=True, axis="y", linewidth=0.3)
+
+
+def _from_zero(ax: Axes) -> None:
+    """Let deviations begin at zero, with room for the marks of a cloud that has none."""
+    ax.set_ylim(-0.04 * ax.dataLim.y1, 1.08 * ax.dataLim.y1)
 
 
 def _share(shown: list[int], closure: Closure, what: str) -> str:

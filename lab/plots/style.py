@@ -17,7 +17,7 @@ from matplotlib.legend import Legend
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from lab.comparison import Comparison
+from lab.comparison import Comparison, Record
 from lab.validation import Array
 
 EXACT = "black"
@@ -171,6 +171,13 @@ def runs_in_words(comparison: Comparison) -> str:
     several = len(comparison.problems)
     words = "one run" if runs == 1 else f"{runs} runs"
     return f"{words} on each of {several} data sets" if several > 1 else words
+
+
+def record_in_words(comparison: Comparison, record: Record) -> str:
+    """Name the run that a figure shows: "sir (N = 1000, run 0)", and its data set where there are several."""
+    unit = record.unit
+    where = f" of data set {unit.data_set}" if len(comparison.problems) > 1 else ""
+    return f"{unit.solver} (N = {unit.n_particles}, run {unit.run}{where})"
 
 
 def thinned(values: list[int], most: int) -> list[int]:
