@@ -472,3 +472,12 @@ def test_the_moments_drawn_are_those_of_the_first_data_set():
     first = next(line for line in over_time.lines if line.get_linestyle() == "--")
     np.testing.assert_allclose(first.get_ydata(), deviations(result.records[0].filtered)[:, 0])
     assert "N = 5" in figure.get_suptitle()
+
+
+def test_a_landmark_seen_in_one_coordinate_is_in_view():
+    whole = seen_at(2, (1, 2, 6))
+    z = whole.z.copy()
+    z[[1, 2], 1] = np.nan
+    z[6, 0] = np.nan
+    closure = loop_closure(world := Problem(whole.model, z, whole.H, whole.R), kalman(world))
+    assert (closure.k, closure.landmark, closure.away) == (6, 0, 3)

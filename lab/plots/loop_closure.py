@@ -5,7 +5,8 @@ whose map descends from one particle has no spread to correlate.  Of a landmark'
 
     deviation_i = sqrt(trace P_ii / 2)        correlation_ij = trace P_ij / sqrt(trace P_ii  trace P_jj)
 
-The instant drawn is that at which a landmark comes back into view and those out of view sharpen most, exactly.
+The instant drawn is that at which a landmark comes back into view and those out of view sharpen most, exactly.  What is
+measured is landmark minus robot, so those just seen sharpen through the robot, whatever their correlation with it.
 Source: question 7 of the handout.
 """
 
