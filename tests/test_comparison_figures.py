@@ -415,6 +415,9 @@ def test_loop_closure_of_a_large_map_says_what_it_leaves_out(n_landmarks, drawn_
     named = [text for text in labels(figure) if text.startswith("$m_") and "view" not in text]
     assert len(named) == drawn_over_time
     assert f"$m_{{{closure.landmark + 1}}}$, seen again" in named
+    if n_landmarks > 5:  # the rest are those out of view that sharpen most
+        hidden = sorted(np.flatnonzero(~closure.in_view), key=lambda i: -closure.sharpening[i])
+        assert set(named) > {f"$m_{{{i + 1}}}$" for i in hidden[:4]}
     assert len(across.get_xticks()) == compared
     few = f"{drawn_over_time} of {n_landmarks}"
     assert (few in over_time.get_title()) == (few in correlated.get_title()) == (n_landmarks > 5)

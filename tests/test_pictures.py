@@ -88,6 +88,9 @@ def test_loop_closure_is_told_exact_and_estimated(written):
     assert f"At k = {closure.k} landmark {closure.landmark + 1} is seen again" in words
     before, after = deviations(exact)[closure.k - 1 : closure.k + 1, closure.landmark]
     assert f"exactly from {before:.3g} to {after:.3g} m" in words
+    most = max(np.flatnonzero(~closure.in_view), key=lambda i: closure.sharpening[i])
+    assert closure.sharpening[most] < closure.sharpening.max()  # one in view sharpens more
+    assert f"Of those out of view landmark {most + 1} sharpens most" in words
     spread = deviations(estimate)[closure.k - 1 : closure.k + 1, closure.landmark]
     collapsed = spread <= 1e-6 * before
     told = re.search(r"by estimate from (\S+) to (\S+) m", words).groups()
