@@ -19,10 +19,10 @@ Source: Chopin and Papaspiliopoulos, An Introduction to Sequential Monte Carlo (
 """
 
 import numpy as np
+from scipy.special import logsumexp
 
 from lab import gaussian
 from lab.problem import Problem
-from lab.result import Filtered
 from lab.solvers.exact import kalman, smoother
 from lab.solvers.proposals import GaussianProposal, StepLaw, delayed, optimal, prior, rbpf_optimal, rbpf_prior
 from lab.validation import Array, InputError, whole_number
@@ -168,6 +168,36 @@ def particles_for_validity(ratios: Array) -> Array:
         return np.asarray(np.exp(ratios.max(axis=1)) / VALID_GAP**2)
 
 
+def predicted_gap(ratios: Array, n_particles: Array) -> tuple[Array, float]:
+    """Return the bootstrap filter's predicted gap of the mean over k >= 1, and the N that it takes to predict it.
+
+    The gap is the root mean square, over instants and uncertain components, averaged over data sets.  The squares are
+    expected ones, so the mean of the runs' own gaps lies a little below.
+
+    Parameters
+    ----------
+    ratios : (D, N, n) array
+        `relative_log_variance` of D data sets.
+    n_particles : (S,) array
+        Numbers of particles.
+
+    Returns
+    -------
+    gaps : (S,) array
+        [exact std]; NaN where some component of some instant would exceed 0.3.
+    log10_needed : float
+        log10 of the number of particles from which none does; -inf where nothing is uncertain.
+    """
+    later = ratios[:, 1:]
+    squares = logsumexp(later, axis=(1, 2)) - np.log(np.maximum(np.isfinite(later).sum(axis=(1, 2)), 1))
+    log10_needed = float((later.max() - 2 * np.log(VALID_GAP)) / np.log(10))
+    log_sizes = np.log(n_particles)
+    gaps = np.full(len(log_sizes), np.nan)
+    holds = log_sizes / np.log(10) >= log10_needed - ROUNDING
+    gaps[holds] = np.exp((squares - log_sizes[holds, np.newaxis]) / 2).mean(axis=1)
+    return gaps, log10_needed
+
+
 def relative_log_variance(problem: Problem) -> Array:
     """Return log lim N Var(mean_k) / exact variance of the bootstrap filter, (N, n); -inf for a known component."""
     exact = kalman(problem)
@@ -175,22 +205,31 @@ def relative_log_variance(problem: Problem) -> Array:
     predictions = [(model.m0, model.P0)]
     for k in range(len(exact.means) - 1):
         predictions.append(gaussian.predict(exact.means[k], exact.covs[k], model.F, model.B, model.noise_cov))
+    # what does not depend on the last instant seen is found once
+    directions = [
+        np.asarray(np.linalg.pinv(gaussian.split(cov, np.arange(len(cov)))[0]), float) for _, cov in predictions
+    ]
+    gains = smoother(problem, exact).gains
     for k in range(len(exact.means)):
-        past = smoother(problem, Filtered(exact.means[: k + 1], exact.covs[: k + 1], exact.log_evidence[: k + 1]))
-        lean = exact.covs[k]  # Cov(x_k, x_s given z_0:k), walked back from s = k
+        mean, cov = exact.means[k], exact.covs[k]  # of x_s given z_0:k, smoothed back from s = k
+        lean = cov  # Cov(x_k, x_s given z_0:k)
         for s in range(k, -1, -1):
             if s < k:
-                lean = lean @ past.gains[s].T
-            logs[k] = np.logaddexp(logs[k], _log_term(*predictions[s], past.means[s], past.covs[s], lean))
+                next_mean, next_cov = predictions[s + 1]
+                mean = exact.means[s] + gains[s] @ (mean - next_mean)
+                cov = exact.covs[s] + gains[s] @ (cov - next_cov) @ gains[s].T
+                cov, lean = (cov + cov.T) / 2, lean @ gains[s].T
+            logs[k] = np.logaddexp(logs[k], _log_term(directions[s], mean - predictions[s][0], cov, lean))
     with np.errstate(divide="ignore"):
         return np.where(exact.uncertain, logs - 2 * np.log(np.maximum(exact.stds, 1e-300)), -np.inf)
 
 
-def _log_term(prior_mean: Array, prior_cov: Array, mean: Array, cov: Array, lean: Array) -> Array:
-    """Return the logarithms (n,) of one instant's term, in directions that the prediction leaves uncertain."""
-    spread, _ = gaussian.split(prior_cov, np.arange(len(prior_mean)))
-    directions = np.linalg.pinv(spread)  # y = directions (x - prior mean) is N(0, I) under the prediction
-    y_mean, y_cov = directions @ (mean - prior_mean), directions @ cov @ directions.T
+def _log_term(directions: Array, shift: Array, cov: Array, lean: Array) -> Array:
+    """Return the logarithms (n,) of one instant's term, in directions that the prediction leaves uncertain.
+
+    y = directions (x - predicted mean) is N(0, I) under the prediction; `shift` is the smoothed minus predicted mean.
+    """
+    y_mean, y_cov = directions @ shift, directions @ cov @ directions.T
     # p^2 / q, N(y; m, C)^2 / N(y; 0, I), is a constant times N(y; tilted_mean, tilted_cov)
     precision = np.linalg.inv(y_cov)
     tilted_cov = np.linalg.inv(2 * precision - np.eye(len(y_mean)))

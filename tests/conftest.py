@@ -1,8 +1,14 @@
 """Fixtures of the tests of the command line."""
 
+import base64
 from unittest.mock import Mock
 
 import pytest
+
+# one grey point
+PICTURE = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNoAAAAggCBd81ytgAAAABJRU5ErkJggg=="
+)
 
 
 @pytest.fixture
@@ -19,4 +25,4 @@ def no_pictures(monkeypatch):
 
     monkeypatch.setattr(pictures, "new_figure", Mock(return_value=Mock(**{"subplots.return_value": (Mock(), Mock())})))
     monkeypatch.setattr(pictures, "plots", Mock())
-    monkeypatch.setattr(pictures, "save_png", lambda figure, path, description: path.write_bytes(b"a picture"))
+    monkeypatch.setattr(pictures, "save_png", lambda figure, path, description: path.write_bytes(PICTURE))

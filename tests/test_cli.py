@@ -74,8 +74,9 @@ def test_the_summary_is_that_of_the_runs(compared):
 
 def test_the_files_are_those_listed(compared):
     folder, _ = compared
-    names = ["config.json", "corridors-low.png", "corridors-sis.png", "ess.png", "experiment.npz", "gap.png"]
-    names += ["map-low.png", "map-sis.png", "runs.csv", "runs.parquet", "summary.csv"]
+    names = ["config.json", "corridors-low.png", "corridors-sis.png", "cost.png", "ess.png", "evidence.png"]
+    names += ["experiment.npz", "gap.png", "loop-closure-low.png", "loop-closure-sis.png"]
+    names += ["map-low.png", "map-sis.png", "report.html", "runs.csv", "runs.parquet", "summary.csv"]
     assert sorted(everything_in(folder)) == names
     assert json.loads((folder / "config.json").read_text())["files"] == names
 

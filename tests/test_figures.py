@@ -1,11 +1,11 @@
 """The figures of the command line by what their artists say: corridors, map, gap and ESS."""
 
-import re
 from functools import partial
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from artists import assert_inside, assert_labelled_with_units, band_edges, bare, drawn, failing, labels
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Ellipse
 from scipy.stats import chi2
@@ -17,6 +17,8 @@ from lab.plots import draw_corridors, draw_ess, draw_gap, draw_map, legend_below
 from lab.plots.style import ESTIMATE, EXACT, LOOKS, look, thinned, wrapped
 from lab.result import Filtered
 from lab.solvers import kalman, sir, sis
+
+FORECAST = ["forecast, $N = 10$", "ESS = 2: collapsed below"]
 
 
 @pytest.fixture(autouse=True)
@@ -40,64 +42,12 @@ def estimate(world):
     return sir(world.problem, np.random.default_rng(0), n_particles=50)
 
 
-def failing(problem, rng, *, n_particles):
-    raise ValueError
-
-
-def bare(problem, rng, *, n_particles):
-    """Answer exactly, and without ESS or ancestors."""
-    return kalman(problem)
-
-
 @pytest.fixture(scope="module")
 def comparison(world):
     return compare(world.problem, {"sis": sis, "sir": sir}, n_particles=[30, 10, 100], runs=4)
 
 
-def drawn(figure):
-    figure.draw_without_rendering()
-    return figure
-
-
-def labels(figure):
-    """Return the texts of the figure's legend."""
-    (legend,) = figure.legends
-    return [text.get_text() for text in legend.get_texts()]
-
-
-def assert_labelled_with_units(axes):
-    """Every axis says what it is, with a unit in brackets; inner axes of a grid leave it to the outer ones."""
-    for ax in axes:
-        geometry = ax.get_subplotspec()
-        if ax.xaxis.get_tick_params()["labelbottom"]:
-            assert re.search(r"\[.+\]$", ax.get_xlabel()), ax.get_xlabel()
-        if geometry.is_first_col():
-            assert re.search(r"\[.+\]$", ax.get_ylabel()), ax.get_ylabel()
-
-
-def assert_inside(figure):
-    """Nothing that is written is cut off or lies over another text."""
-    drawn(figure)
-    texts = [ax.title for ax in figure.axes] + [ax.xaxis.label for ax in figure.axes]
-    texts += [ax.yaxis.label for ax in figure.axes] + [*figure.texts]
-    boxes = [text.get_window_extent() for text in texts if text.get_text()]
-    boxes += [legend.get_window_extent() for legend in figure.legends]
-    width, height = figure.get_size_inches() * figure.dpi
-    for i, box in enumerate(boxes):
-        assert box.x0 >= 0
-        assert box.y0 >= 0
-        assert box.x1 <= width
-        assert box.y1 <= height
-        assert not any(box.overlaps(other) for other in boxes[:i])
-
-
 # corridors
-
-
-def band_edges(band):
-    (path,) = band.get_paths()
-    at = [path.vertices[path.vertices[:, 0] == x, 1] for x in np.unique(path.vertices[:, 0])]
-    return np.array([[y.min(), y.max()] for y in at])
 
 
 def test_corridors_of_every_component(world, exact, estimate):
@@ -313,10 +263,19 @@ def test_ess_is_the_median_over_the_runs_within_their_range(comparison):
                 np.testing.assert_allclose(band_edges(band), expected)
                 assert line.get_label() == f"$N = {size}$"
         assert ess.get_title() == solver
-        np.testing.assert_array_equal(ess.lines[3].get_ydata(), [2, 2])
+        forecast, collapsed = ess.lines[3:]
+        limit = 100 * 10 ** comparison.forecasts[solver][0]
+        np.testing.assert_allclose(forecast.get_ydata(), np.maximum(limit, 1))
+        np.testing.assert_array_equal(collapsed.get_ydata(), [2, 2])
         assert len(ancestors.lines) == 3
     assert all(ax.get_yscale() == "log" for ax in axes)
-    assert labels(figure) == ["$N = 10$", "$N = 30$", "$N = 100$", "ESS = 2: collapsed below"]
+    assert labels(figure) == [
+        "$N = 10$",
+        "$N = 30$",
+        "$N = 100$",
+        "forecast, $N = 100$",
+        "ESS = 2: collapsed below",
+    ]
     assert "medians over 4 runs" in figure.get_suptitle()
     assert_labelled_with_units(axes)
     assert_inside(figure)
@@ -331,7 +290,7 @@ def test_ess_of_six_filters_with_long_labels_stays_readable(world):
     assert len(axes) == 12
     columns = {round(ax.get_position().x0, 2) for ax in drawn(figure).axes}
     assert len(columns) == 3
-    assert labels(figure) == ["$N = 5$", "$N = 7$", "$N = 8$", "$N = 10$", "ESS = 2: collapsed below"]
+    assert labels(figure) == ["$N = 5$", "$N = 7$", "$N = 8$", "$N = 10$", *FORECAST]
     assert "one run, 4 of 6 numbers of particles" in figure.get_suptitle()
     assert_labelled_with_units(axes)
     assert_inside(figure)
@@ -340,7 +299,10 @@ def test_ess_of_six_filters_with_long_labels_stays_readable(world):
     for ax in pair:
         draw_gap(ax, result)
     legend_below(figure, pair[0])
-    assert [text.replace("\n", "").strip() for text in labels(figure)] == ["slope -1/2", *names, r"_hidden\$x\$"]
+    slope, prediction, *others = [text.replace("\n", "").strip() for text in labels(figure)]
+    assert slope == "slope -1/2"
+    assert prediction.startswith("bootstrap filter, predicted:only from ")
+    assert others == [*names, r"_hidden\$x\$"]
     assert_inside(figure)
 
 

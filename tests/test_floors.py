@@ -37,6 +37,7 @@ FLOORS = {
     "lab.cli": 5,
     "lab.sweep": 5,
     "lab.findings": 5,
+    "lab.report": 5,
     "lab.checks": 5,
     "lab.release": 5,
     "lab.ekfslam.app": 5,
@@ -50,7 +51,7 @@ SIDEWAYS = {
     "lab.comparison": {"lab.metrics"},
     "lab.plots": {"lab.comparison"},  # a result
     "lab.theory": {"lab.solvers"},  # the laws of the proposals, and the exact moments
-    "lab.cli": {"lab.sweep", "lab.findings", "lab.checks", "lab.release", "lab.ekfslam.app"},
+    "lab.cli": {"lab.sweep", "lab.findings", "lab.report", "lab.checks", "lab.release", "lab.ekfslam.app"},
     "lab.__main__": {"lab.cli"},
 }
 # Down, but never: ekfslam is a sister wing of the solvers, and figures know results only.

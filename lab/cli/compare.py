@@ -193,7 +193,9 @@ def _write(
 ) -> None:
     """Write tables, figures, data and configuration."""
     from lab.cli import output, pictures
+    from lab.findings import findings
     from lab.progress import progress_bar
+    from lab.report import write_report
     from lab.sweep import moments_table
 
     comparison.summary().to_csv(folder / "summary.csv", index=False)
@@ -204,5 +206,6 @@ def _write(
     for i, source in enumerate(sources):
         source.save(folder / ("experiment.npz" if len(sources) == 1 else f"experiment-{i}.npz"))
     with progress_bar("drawing", 1) as advance:
-        pictures.write_comparison(folder, comparison, sources[0], lambda _, total: advance(1 / total))
+        figures = pictures.write_comparison(folder, comparison, sources[0], lambda _, total: advance(1 / total))
+    write_report(folder / "report.html", comparison, figures, config, findings(comparison))
     output.write_config(folder, config)

@@ -3,12 +3,16 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from lab import plots
+from lab.cli import captions
+from lab.cli.captions import Picture
 from lab.comparison import Comparison
 from lab.plots.comparison import ess_grid
 from lab.plots.corridors import MOST_LANDMARKS
-from lab.plots.style import new_figure, save_png
+from lab.plots.loop_closure import kept, loop_closure
+from lab.plots.style import new_figure, record_in_words, save_png
 from lab.problem import Experiment
 from lab.result import Filtered
 from lab.validation import Array
@@ -18,43 +22,84 @@ LONGEST = 60  # characters of a label in a file's name
 
 def write_comparison(
     folder: Path, comparison: Comparison, experiment: Experiment, on_done: Callable[[int, int], None]
-) -> None:
-    """Write gap.png, ess.png, and for each solver corridors and map of its first good run kept, with the largest N.
+) -> list[Picture]:
+    """Write the figures of a comparison, and for each solver those of its first good run kept, with the largest N.
 
     Parameters
     ----------
     folder : Path
+        Gets gap.png, cost.png, evidence.png and ess.png, and for each solver loop-closure, corridors and map.
     comparison : Comparison
     experiment : Experiment
-        For the truth.
+        The first data set's, for the truth.
     on_done : function of int and int
-        Told after each figure, or pair of figures, how many of how many are there.
+        Told after each figure, or group of figures, how many of how many are there.
+
+    Returns
+    -------
+    list of Picture
+        Name, title and description of each file, in the order in which a report shows them.
     """
     solvers = comparison.solvers
-    runs = 1 + max(record.unit.run for record in comparison.records)
+    steps = 4 + len(solvers)
+    pictures = []
+    for i, write in enumerate((_write_gap, _write_cost, _write_evidence, _write_ess)):
+        pictures.append(write(folder, comparison))
+        on_done(1 + i, steps)
+    for i, (solver, suffix) in enumerate(_suffixes(solvers).items()):
+        record = kept(comparison, solver)
+        if record:
+            pictures.append(_write_closure(folder, suffix, comparison, solver))
+            label, exact = record_in_words(comparison, record), comparison.exacts[0]
+            pictures += write_estimate(folder, suffix, record.filtered, exact, experiment, label)
+        on_done(5 + i, steps)
+    return pictures
+
+
+def _write_gap(folder: Path, comparison: Comparison) -> Picture:
+    picture = captions.gap(comparison, "gap.png")
     figure = new_figure(10, 4.8)
     axes = figure.subplots(1, 2)
     for ax, metric in zip(axes, ("mean_gap", "cov_gap"), strict=True):
         plots.draw_gap(ax, comparison, metric)
-    spread = "one run" if runs == 1 else f"means over {runs} runs, with standard errors"
-    figure.suptitle(f"Particle moments against the exact ones: {spread}")
+    figure.suptitle(picture.title)
     plots.legend_below(figure, axes[0])
-    save_png(figure, folder / "gap.png", "Gaps of mean and covariance to the exact filter against N, log-log.")
-    on_done(1, 2 + len(solvers))
+    return _saved(figure, folder, picture)
 
-    rows, width = ess_grid(len(solvers))
+
+def _write_cost(folder: Path, comparison: Comparison) -> Picture:
+    figure = new_figure(7.5, 5.8)
+    ax = figure.subplots()
+    plots.draw_cost(ax, comparison)
+    plots.legend_below(figure, ax)
+    return _saved(figure, folder, captions.cost(comparison, "cost.png"))
+
+
+def _write_evidence(folder: Path, comparison: Comparison) -> Picture:
+    figure = new_figure(9, 5.5)
+    ax = figure.subplots()
+    plots.draw_evidence(ax, comparison)
+    plots.legend_below(figure, ax)
+    return _saved(figure, folder, captions.evidence(comparison, "evidence.png"))
+
+
+def _write_ess(folder: Path, comparison: Comparison) -> Picture:
+    rows, width = ess_grid(len(comparison.solvers))
     figure = new_figure(1 + max(3.0 * width, 5), 0.8 + 5.4 * rows)
     plots.draw_ess(figure, comparison)
-    save_png(figure, folder / "ess.png", "Effective sample size and living ancestors of each filter over time.")
-    on_done(2, 2 + len(solvers))
+    return _saved(figure, folder, captions.ess(comparison, "ess.png"))
 
-    for i, (solver, suffix) in enumerate(_suffixes(solvers).items()):
-        kept = [record for record in comparison.records if record.unit.solver == solver and record.filtered is not None]
-        if kept:
-            best = max(kept, key=lambda record: record.unit.n_particles)
-            label = f"{solver} (N = {best.unit.n_particles}, run {best.unit.run})"
-            write_estimate(folder, suffix, best.filtered, comparison.exacts[0], experiment, label)
-        on_done(3 + i, 2 + len(solvers))
+
+def _write_closure(folder: Path, suffix: str, comparison: Comparison, solver: str) -> Picture:
+    closes = loop_closure(comparison.problems[0], comparison.exacts[0])
+    figure = new_figure(11, 8 if closes else 1.5)
+    plots.draw_loop_closure(figure, comparison, solver)
+    return _saved(figure, folder, captions.closure(comparison, solver, f"loop-closure{suffix}.png"))
+
+
+def _saved(figure: Any, folder: Path, picture: Picture) -> Picture:
+    save_png(figure, folder / picture.file, picture.alt)
+    return picture
 
 
 def write_forecast(folder: Path, forecasts: dict[str, Array], errors: dict[int, Array], limit: float) -> None:
@@ -69,17 +114,18 @@ def write_forecast(folder: Path, forecasts: dict[str, Array], errors: dict[int, 
 
 def write_estimate(
     folder: Path, suffix: str, filtered: Filtered | None, exact: Filtered, experiment: Experiment, label: str
-) -> None:
+) -> list[Picture]:
     """Write corridors and map of one estimate beside the exact ones; None for `filtered` draws the exact alone."""
     rows = min(exact.means.shape[1] // 2, 1 + MOST_LANDMARKS)
     figure = new_figure(10, 1.4 + 1.6 * rows)
     plots.draw_corridors(figure, filtered, exact, experiment.truth, label=label)
-    save_png(figure, folder / f"corridors{suffix}.png", f"Corridors of three standard deviations over time: {label}.")
+    picture = captions.corridors(filtered, exact, experiment.truth, label, f"corridors{suffix}.png")
+    corridors = _saved(figure, folder, picture)
     figure = new_figure(7.5, 7.5)
     ax = figure.subplots()
     plots.draw_map(ax, filtered, exact, experiment.truth, label=label)
     plots.legend_below(figure, ax)
-    save_png(figure, folder / f"map{suffix}.png", f"Map at the last instant with 99 % ellipses: {label}.")
+    return [corridors, _saved(figure, folder, captions.final_map(filtered, exact, label, f"map{suffix}.png"))]
 
 
 def _suffixes(solvers: list[str]) -> dict[str, str]:

@@ -3,7 +3,7 @@
 Plots know results, never solvers.  What each picture says is in its module; what they look like is in `style`.
 """
 
-from lab.plots.comparison import draw_ess, draw_gap
+from lab.plots.comparison import draw_cost, draw_ess, draw_evidence, draw_gap, draw_loop_closure
 from lab.plots.corridors import corridor, draw_corridors
 from lab.plots.ellipses import ellipse
 from lab.plots.forecast import draw_forecast, draw_predicted_error
@@ -13,9 +13,12 @@ from lab.plots.style import legend_below, new_figure
 __all__ = [
     "corridor",
     "draw_corridors",
+    "draw_cost",
     "draw_ess",
+    "draw_evidence",
     "draw_forecast",
     "draw_gap",
+    "draw_loop_closure",
     "draw_map",
     "draw_predicted_error",
     "ellipse",

@@ -6,15 +6,13 @@ Source: question 4b of the handout.
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patheffects import withStroke
 
 from lab.plots.ellipses import ellipse
-from lab.plots.style import ESTIMATE, EXACT, TRUTH, wrapped
+from lab.plots.style import ESTIMATE, EXACT, HALO, TRUTH, wrapped
 from lab.result import Filtered
 from lab.validation import Array
 
 LABEL_DISTANCE = 15  # typographic points from the mean
-HALO = [withStroke(linewidth=3, foreground="white")]  # readable on top of other marks
 
 
 def draw_map(

@@ -14,13 +14,29 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from lab.comparison import Comparison, Record
+from lab.validation import Array
 
 EXACT = "black"
 TRUTH = "#7a7a7a"
 ESTIMATE = "#D55E00"
 
 RESOLUTION = 120  # dots per inch
+HALO = [withStroke(linewidth=3, foreground="white")]  # readable on top of other marks
+HATCHES = (
+    "",
+    "///",
+    "...",
+    "\\\\\\",
+    "xxx",
+    "---",
+    "ooo",
+    "+++",
+    "|||",
+)  # of boxes, which have neither line nor marker
 
 
 class Look(NamedTuple):
@@ -106,6 +122,62 @@ def instants_axis(ax: Axes, *, label: bool = True) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     if label:
         ax.set_xlabel("instant $k$ [-]")
+
+
+def free_spot(ax: Axes, points: Array, i: int, n_characters: int, boxes: list[Array]) -> tuple[float, float] | None:
+    """Find room beside a point for a few small characters, off the other points and the words already there.
+
+    Parameters
+    ----------
+    ax : matplotlib.axes.Axes
+        With its limits set.
+    points : (P, 2) array
+        All that is marked, in data coordinates.
+    i : int
+        Which of them is to be named.
+    n_characters : int
+    boxes : list of (2, 2) array
+        Words already there, corners in typographic points; the new ones are added.
+
+    Returns
+    -------
+    (float, float) or None
+        Where the middle of the words belongs, typographic points from point i; None where there is no room.
+    """
+    figure = ax.get_figure(root=True)
+    scale = 72 / (figure.dpi if figure else 72)
+    spots = ax.transData.transform(points) * scale
+    limits = ax.get_window_extent().get_points() * scale
+    half = np.array([2.5 * n_characters + 1, 5])  # of 8-point characters
+    for x, y in ((1, 1), (1, 0), (0, 1), (-1, -1), (0, -1), (1, -1), (-1, 1), (-1, 0)):
+        offset = (half + 5) * [x, y] if x * y == 0 else (half + 1) * [x, y]
+        box = np.array([spots[i] + offset - half, spots[i] + offset + half])
+        others = [*boxes, *(np.array([spot - 3, spot + 3]) for spot in np.delete(spots, i, axis=0))]
+        inside = (box[0] >= limits[0]).all() and (box[1] <= limits[1]).all()
+        if inside and not any((box[0] < other[1]).all() and (box[1] > other[0]).all() for other in others):
+            boxes.append(box)
+            return float(offset[0]), float(offset[1])
+    return None
+
+
+def say(ax: Axes, words: str) -> None:
+    """Write in the middle of empty axes why they are empty."""
+    ax.text(0.5, 0.5, words, transform=ax.transAxes, ha="center", va="center", color="0.4")
+
+
+def runs_in_words(comparison: Comparison) -> str:
+    """Say how many runs stand behind a figure: "one run", "20 runs", "20 runs on each of 5 data sets"."""
+    runs = 1 + max(record.unit.run for record in comparison.records)
+    several = len(comparison.problems)
+    words = "one run" if runs == 1 else f"{runs} runs"
+    return f"{words} on each of {several} data sets" if several > 1 else words
+
+
+def record_in_words(comparison: Comparison, record: Record) -> str:
+    """Name the run that a figure shows: "sir (N = 1000, run 0)", and its data set where there are several."""
+    unit = record.unit
+    where = f" of data set {unit.data_set}" if len(comparison.problems) > 1 else ""
+    return f"{unit.solver} (N = {unit.n_particles}, run {unit.run}{where})"
 
 
 def thinned(values: list[int], most: int) -> list[int]:
