@@ -204,8 +204,9 @@ def test_the_numbers_are_those_of_the_summary(made, comparison):
             if np.isnan(values[0]):
                 assert shown == [DASH]
                 continue
-            for text, value in zip(shown, [v for v in values if not np.isnan(v)], strict=True):
-                assert float(text) == pytest.approx(value, rel=0.051)
+            written = [(v, n) for v, n in zip(values, (column.digits, 2), strict=True) if not np.isnan(v)]
+            for text, (value, digits) in zip(shown, written, strict=True):
+                assert float(text) == pytest.approx(value, rel=0.501 * 10.0 ** (1 - digits))
                 assert "e" not in text or abs(value) < 1e-4
                 assert float(exact.pop(0)["value"]) == value
     assert not exact
