@@ -22,7 +22,7 @@ from lab.validation import InputError
 CONFIG = "config.json"
 TEMPORARY = ".partial-"
 PROGRAM = "slam-lab"
-PACKAGES = ("numpy", "scipy", "filterpy", "matplotlib", "pandas", "joblib")
+PACKAGES = ("numpy", "scipy", "filterpy", "matplotlib", "pandas", "pyarrow", "joblib", "loky")
 UNBOUNDED = 10_000  # columns of a file, which has no width
 
 
