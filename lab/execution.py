@@ -9,7 +9,10 @@ joblib's own process pool, loky, is used with one worker each, so that a death n
 all that is under way instead.  Knows no filters; called by `lab.compare`.  Other machines: `lab.cluster`.
 """
 
+import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
 from contextlib import contextmanager
@@ -86,8 +89,16 @@ _function: Callable[[Any], Any]  # of a worker process, where `_install` puts it
 
 def _install(function: Callable[[Any], Any]) -> None:
     global _function
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # in a worker that replaces another
     _function = function
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this worker soon after the process that started it was killed: nobody else would, in a long run."""
+    while os.getppid() == parent:
+        time.sleep(1)
+    os._exit(1)
 
 
 def _call(item: Any) -> Any:

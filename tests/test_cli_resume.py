@@ -50,7 +50,10 @@ def runs_in(folder):
 
 @pytest.fixture
 def stopped(here):
-    """Start a comparison, send a signal when two of four runs are finished, and return how it ended."""
+    """Start a comparison, send a signal when two of four runs are finished, and return how it ended.
+
+    A worker that outlived it would hold the pipes, and the end would not come.
+    """
 
     def stop(number, *more):
         (here / "patient.py").write_text(PATIENT)
@@ -61,7 +64,7 @@ def stopped(here):
             deadline = time.monotonic() + 100
             while finished(here) < 2 and time.monotonic() < deadline:
                 time.sleep(0.05)
-            (os.killpg if number == signal.SIGKILL else os.kill)(process.pid, number)
+            os.kill(process.pid, number)
             out, err = process.communicate(timeout=100)
         finally:
             if process.poll() is None:
