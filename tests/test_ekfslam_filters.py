@@ -238,14 +238,15 @@ def test_headings_are_wrapped_after_correction():
 
 
 @pytest.mark.parametrize(
-    ("filter", "what"), [("fej", "inverse depth"), ("ri", "inverse depth"), ("ri", "several robots")]
+    ("filter", "what"),
+    [("fej", "landmarks by inverse depth"), ("ri", "landmarks by inverse depth"), ("ri", "several robots")],
 )
 def test_combinations_that_are_refused(filter, what):
     m = Map(filter)
     robot = m.add_robot(START, P0)
     act = {
         "several robots": lambda: m.add_robot(START, P0),
-        "inverse depth": lambda: m.initialise(robot, Sensor("bearing", (0.02,)), np.array([0.3]), "a"),
+        "landmarks by inverse depth": lambda: m.initialise(robot, Sensor("bearing", (0.02,)), np.array([0.3]), "a"),
     }
     with pytest.raises(InputError, match=rf"The filter {filter} is not implemented for {what}; use ekf\."):
         act[what]()

@@ -25,6 +25,8 @@ from lab.validation import Array, InputError
 if TYPE_CHECKING:
     from lab.ekfslam.map import Map
 
+SEVERAL, INVERSE_DEPTH, RINGS = "several robots", "landmarks by inverse depth", "rings of range-only landmarks"
+
 
 class Filter(Protocol):
     """What a map asks of a filter; everything else about the map is the same for all."""
@@ -32,7 +34,7 @@ class Filter(Protocol):
     name: str
 
     def allow(self, what: str) -> None:
-        """Refuse, in one sentence, what the filter does not know: "several robots", "inverse depth", "rings"."""
+        """Refuse, in one sentence, what the filter does not know: SEVERAL, INVERSE_DEPTH or RINGS."""
 
     def predict(self, m: "Map", robot: Robot, u: Array, Q: Array) -> None:
         """Move a robot by the control u, whose noise has covariance Q."""
@@ -108,7 +110,7 @@ class Fej(Ekf):
 
     def allow(self, what: str) -> None:
         """Refuse what has no first estimate yet."""
-        if what != "several robots":
+        if what != SEVERAL:
             _refuse(self.name, what)
 
     def predict(self, m: "Map", robot: Robot, u: Array, Q: Array) -> None:
@@ -146,8 +148,9 @@ class RightInvariant(Ekf):
     name = "ri"
 
     def allow(self, what: str) -> None:
-        """Refuse what is not a robot with points around it."""
-        _refuse(self.name, what)
+        """Refuse what is not one robot with points around it."""
+        if what != RINGS:
+            _refuse(self.name, what)
 
     def predict(self, m: "Map", robot: Robot, u: Array, Q: Array) -> None:
         """Move: F = I, but noise on the heading shows in the error of every landmark, so all of P is touched."""

@@ -19,7 +19,7 @@ from scipy.linalg import block_diag
 
 from lab.ekfslam import inverse_depth
 from lab.ekfslam.entities import Landmark, Observation, Robot
-from lab.ekfslam.filters import make_filter
+from lab.ekfslam.filters import INVERSE_DEPTH, SEVERAL, make_filter
 from lab.ekfslam.joint import Joint
 from lab.ekfslam.mapspace import Rows
 from lab.ekfslam.sensor import Sensor
@@ -41,6 +41,8 @@ class Map:
     robots : list of Robot
     landmarks : dict of hashable to Landmark
         By name, in the order in which they were mapped.
+    hypotheses : list of Landmark
+        Points that are no landmarks yet (`rings`).
     """
 
     def __init__(self, filter: str = "ekf", *, limit: int | None = None) -> None:
@@ -48,6 +50,7 @@ class Map:
         self.joint = Joint(limit)
         self.robots: list[Robot] = []
         self.landmarks: dict[Hashable, Landmark] = {}
+        self.hypotheses: list[Landmark] = []
         self.version = 0
         self._changed()
 
@@ -93,7 +96,7 @@ class Map:
         P = real_array("P", np.zeros((3, 3)) if P is None else P, (3, 3))
         check_covariance("P", P)
         if self.robots:
-            self.filter.allow("several robots")
+            self.filter.allow(SEVERAL)
         rows = self.joint.take(3)
         self.x[rows] = pose
         T = np.eye(3)
@@ -254,7 +257,7 @@ class Map:
         """
         R = sensor.R if R is None else R
         if sensor.kind == "bearing":
-            self.filter.allow("inverse depth")
+            self.filter.allow(INVERSE_DEPTH)
             L, L_r, L_y, L_s = inverse_depth.inv_observe(self.x[robot.rows], np.asarray(y), rho[0], sensor)
             return self.augment(name, robot, L, L_r, L_y @ R @ L_y.T + rho[1] ** 2 * L_s @ L_s.T, None)
         l, L_r, L_y, first = self.filter.seed(self, robot, sensor, y)  # noqa: E741
@@ -283,6 +286,46 @@ class Map:
         landmark = self.landmarks[name] = Landmark(name, rows, first)
         self._changed()
         return landmark
+
+    def hypothesise(self, robot: Robot, sensor: Sensor, y: Array, name: Hashable) -> Landmark:
+        """Add a point that is no landmark yet: it can be observed and refined, and is adopted or withdrawn later."""
+        l, L_r, L_y, first = self.filter.seed(self, robot, sensor, y)  # noqa: E741
+        rows = self.joint.augment(robot.rows, L_r, L_y @ sensor.R @ L_y.T)
+        self.x[rows] = l
+        hypothesis = Landmark(name, rows, first)
+        self.hypotheses.append(hypothesis)
+        self._changed()
+        return hypothesis
+
+    def refine(self, observation: Observation) -> None:
+        """Let a hypothesis alone learn from an observation: O(n); the rest of the map keeps mean and covariance.
+
+        Other observations of the same instant stay valid: what they say of the rest of the map has not changed.
+        """
+        o = observation
+        self.x[o.target.rows] += self.joint.refine(o.target.rows, o.rows, o.H, o.z, o.Z)
+
+    def adopt(self, hypothesis: Landmark, name: Hashable) -> Landmark:
+        """Make a hypothesis a landmark under this name.
+
+        Raises
+        ------
+        InputError
+            The name is taken.
+        """
+        if name in self.landmarks:
+            raise InputError(f"Landmark {name!r} is in the map already.")
+        hypothesis.name, hypothesis.first = name, self.x[hypothesis.rows].copy()
+        self.hypotheses.remove(hypothesis)
+        self.landmarks[name] = hypothesis
+        self._changed()
+        return hypothesis
+
+    def withdraw(self, hypothesis: Landmark) -> None:
+        """Remove a hypothesis; its slots are free."""
+        self.hypotheses.remove(hypothesis)
+        self.joint.release(hypothesis.rows)
+        self._changed()
 
     def delete(self, landmark: Landmark) -> None:
         """Remove a landmark; the others keep their marginal, and its slots are free.
@@ -356,7 +399,8 @@ class Map:
     def _changed(self) -> None:
         """Note who is in the map now."""
         self.version += 1
-        plain = [landmark.rows for landmark in self.landmarks.values() if not landmark.inverse_depth]
+        points = [landmark for landmark in self.landmarks.values() if not landmark.inverse_depth]
+        plain = [point.rows for point in points + self.hypotheses]
         self._rays = [landmark for landmark in self.landmarks.values() if landmark.inverse_depth]
         self.point_rows: Rows = np.reshape(np.array(plain, dtype=np.intp), (-1, 2))
         headings = [robot.rows[2] for robot in self.robots]
