@@ -161,11 +161,15 @@ class Map:
         ys: Sequence[Array],
         R: Array | None = None,
     ) -> list[Observation]:
-        """Return the observation of each target that measurement y of the same place in `ys` would be."""
-        R = sensor.R if R is None else R
+        """Return the observation of each target that measurement y of the same place in `ys` would be.
+
+        R is one covariance (p, p) or one for each (k, p, p); the sensor's own by default.
+        """
+        R = sensor.R if R is None else np.asarray(R)
+        Rs = np.broadcast_to(R, (len(targets), *R.shape[-2:]))
         return [
             Observation(robot, sensor, target, y, sensor.difference(y, e), E + R, R, rows, H, self.version)
-            for target, y, (e, E, rows, H) in zip(targets, ys, self.expect(robot, sensor, targets), strict=True)
+            for target, y, R, (e, E, rows, H) in zip(targets, ys, Rs, self.expect(robot, sensor, targets), strict=True)
         ]
 
     def observe(
@@ -197,8 +201,13 @@ class Map:
         (observation,) = self.observe_all(robot, sensor, [target], [y], R)
         return observation
 
-    def correct(self, *observations: Observation) -> None:
+    def correct(self, *observations: Observation) -> float:
         """Take observations into the map: O(n^2); several at once share the linearisation and one joint update.
+
+        Returns
+        -------
+        float
+            Their joint z' Z^-1 z, chi-square with the sum of their degrees of freedom.
 
         Raises
         ------
@@ -208,7 +217,7 @@ class Map:
         Source: J. Solà (2014), eqs. 29-30.
         """
         if not observations:
-            return
+            return 0.0
         if any(observation.version != self.version for observation in observations):
             raise InputError("This observation belongs to an older map: observe again before correcting.")
         if len(observations) == 1:
@@ -222,6 +231,7 @@ class Map:
         if self._rays:
             self._repair()
         self.version += 1
+        return float(z @ np.linalg.solve(Z, z))
 
     def initialise(
         self,

@@ -2,7 +2,7 @@
 
 Question answered: what does a sensor on the robot measure of a point, and where is the point that gave a measurement?
 
-    scan(p)        distance and bearing of p in the sensor's own frame, or one of the two
+    scan(p)        distance and bearing of p in the sensor's own frame, or one of the two; or p itself
     project(q)     = scan(to_frame(mount, q)):  of q in the robot's frame
     observe(r, l)  = project(to_frame(r, l))              inv_observe(r, y) = from_frame(r, retroject(y))
 
@@ -21,6 +21,8 @@ from lab.ekfslam.frames import from_frame, polar, rectangular, to_frame, wrap
 from lab.validation import Array, InputError, real_array
 
 COMPONENTS = {"range-bearing": slice(0, 2), "range": slice(0, 1), "bearing": slice(1, 2)}  # of [distance, bearing]
+POSITION = "position"  # what comes out of a detector that has worked in rectangular coordinates already
+KINDS = (*COMPONENTS, POSITION)
 DEGREE = float(np.pi / 180)
 
 
@@ -32,27 +34,29 @@ def scan(p: Array, kind: str = "range-bearing") -> tuple[Array, Array]:
     p : (..., 2) array
         In the sensor's frame [m].
     kind : str
-        "range-bearing", "bearing" or "range".
+        "range-bearing", "bearing", "range" or "position".
 
     Returns
     -------
     y : (..., 2) or (..., 1) array
-        Distance [m] and bearing [rad], or one of them.
+        Distance [m] and bearing [rad], or one of them; or the point [m].
     Y_p : (..., 2, 2) or (..., 1, 2) array
 
     Raises
     ------
     InputError
-        A point lies in the sensor.
+        A point lies in the sensor, whose kind is not "position".
     """
+    if kind == POSITION:
+        return p.copy(), np.broadcast_to(np.eye(2), (*p.shape, 2))
     y, Y_p = polar(p)
     part = COMPONENTS[kind]
     return y[..., part], Y_p[..., part, :]
 
 
-def inv_scan(y: Array) -> tuple[Array, Array]:
-    """Return the point (..., 2) of a range-bearing measurement in the sensor's frame, and P_y (..., 2, 2)."""
-    return rectangular(y)
+def inv_scan(y: Array, kind: str = "range-bearing") -> tuple[Array, Array]:
+    """Return the point (..., 2) of a whole measurement in the sensor's frame, and P_y (..., 2, 2)."""
+    return scan(y, kind) if kind == POSITION else rectangular(y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +66,9 @@ class Sensor:
     Attributes
     ----------
     kind : str
-        "range-bearing", "bearing" or "range".
+        "range-bearing", "bearing", "range" or "position".
     noise : array_like
-        Standard deviation of each component: [m, rad], [rad] or [m].
+        Standard deviation of each component: [m, rad], [rad], [m] or [m, m].
     mount : (3,) array_like
         Pose in the robot's frame [m, m, rad].
     name : str
@@ -79,8 +83,8 @@ class Sensor:
 
     def __post_init__(self) -> None:
         """Check and turn into arrays."""
-        if self.kind not in COMPONENTS:
-            raise InputError(f"A sensor's kind is one of {', '.join(COMPONENTS)}, not {self.kind!r}.")
+        if self.kind not in KINDS:
+            raise InputError(f"A sensor's kind is one of {', '.join(KINDS)}, not {self.kind!r}.")
         noise = real_array("noise", self.noise, (self.size,))
         if not (noise > 0).all():
             raise InputError("The noise of a sensor must be positive in each component.")
@@ -91,7 +95,7 @@ class Sensor:
     @property
     def size(self) -> int:
         """Number of components of a measurement."""
-        return 2 if self.kind == "range-bearing" else 1
+        return 2 if self.kind in ("range-bearing", POSITION) else 1
 
     @cached_property
     def at_centre(self) -> bool:
@@ -101,7 +105,7 @@ class Sensor:
     def difference(self, y: Array, e: Array) -> Array:
         """Return y - e with the bearing wrapped."""
         z = np.asarray(y, dtype=float) - e
-        if self.kind != "range":
+        if self.kind in ("range-bearing", "bearing"):
             z[..., -1] = wrap(z[..., -1])
         return z
 
@@ -121,9 +125,9 @@ class Sensor:
         InputError
             One measurement does not determine a point.
         """
-        if self.kind != "range-bearing":
+        if self.size < 2:
             raise InputError(f"A measurement of {self.kind} alone does not determine a point.")
-        p, P_y = inv_scan(np.asarray(y, dtype=float))
+        p, P_y = inv_scan(np.asarray(y, dtype=float), self.kind)
         if self.at_centre:
             return p, P_y
         q, _, Q_p = from_frame(self.mount, p)
@@ -160,7 +164,7 @@ def observe(r: Array, l: Array, sensor: Sensor) -> tuple[Array, Array, Array]:  
 
 
 def inv_observe(r: Array, y: Array, sensor: Sensor) -> tuple[Array, Array, Array]:
-    """Return the landmarks (..., 2) that a range-bearing sensor saw, L_r (..., 2, 3) and L_y (..., 2, 2)."""
+    """Return the landmarks (..., 2) that a whole measurement saw, L_r (..., 2, 3) and L_y (..., 2, 2)."""
     q, Q_y = sensor.retroject(y)
     l, L_r, L_q = from_frame(r, q)  # noqa: E741
     return l, L_r, L_q @ Q_y
