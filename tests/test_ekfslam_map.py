@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from slam_worlds import DenseEkf, difference, measured
 
 from lab.ekfslam import Map, Sensor
-from lab.ekfslam.joint import Joint
+from lab.ekfslam.joint import Joint, whitening
 from lab.ekfslam.map import stacked
 from lab.ekfslam.mapspace import BLOCK, MapSpace
 from lab.validation import InputError
@@ -209,6 +209,17 @@ def test_one_free_slot_is_not_enough_for_a_landmark():
     m.initialise(robot, SENSOR, np.array([1.0, 0.0]), "a")
     with pytest.raises(InputError, match="2 slots are wanted and 6 is its limit"):
         m.initialise(robot, SENSOR, np.array([1.0, 0.0]), "b")
+
+
+@pytest.mark.parametrize("p", [1, 2, 3])
+def test_whitening(p):
+    A = np.random.default_rng(p).standard_normal((p, p))
+    np.testing.assert_allclose(whitening(A @ A.T), np.linalg.inv(np.linalg.cholesky(A @ A.T)), rtol=1e-9, atol=1e-9)
+    with pytest.raises(np.linalg.LinAlgError):
+        whitening(-A @ A.T)
+    if p == 2:
+        with pytest.raises(np.linalg.LinAlgError):
+            whitening(np.array([[1.0, 2.0], [2.0, 1.0]]))
 
 
 @pytest.mark.parametrize("n", [1, 100])

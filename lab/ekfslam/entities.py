@@ -7,9 +7,9 @@ leads them through the events is in `slam`.  Source: J. Solà (2014), sections 1
 
 from collections.abc import Hashable
 from dataclasses import dataclass, field
+from functools import cached_property
 
-import numpy as np
-
+from lab.ekfslam.joint import whitening
 from lab.ekfslam.mapspace import Rows
 from lab.ekfslam.sensor import Sensor
 from lab.validation import Array
@@ -98,10 +98,11 @@ class Observation:
     H: Array = field(repr=False)
     version: int = field(repr=False)
 
-    @property
+    @cached_property
     def nis(self) -> float:
         """The normalised innovation squared z' Z^-1 z, chi-square with `dof` degrees of freedom."""
-        return float(self.z @ np.linalg.solve(self.Z, self.z))
+        white = whitening(self.Z) @ self.z
+        return float(white @ white)
 
     @property
     def dof(self) -> int:

@@ -12,11 +12,36 @@ it in place.  P is singular right after an anchored initialisation: only Z is ev
 Source: J. Solà (2014), eqs. 14-17 (prediction), 26-30 (correction), 31-38 (initialisation).
 """
 
+from math import sqrt
+
 import numpy as np
 from scipy.linalg.blas import dsyrk
 
 from lab.ekfslam.mapspace import MapSpace, Rows
 from lab.validation import Array
+
+
+def whitening(Z: Array) -> Array:
+    """Return L^-1 of Z = L L': for one or two components by hand, where a call of LAPACK costs more than its work.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Z is not positive definite.
+    """
+    if len(Z) > 2:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(Z)))
+    a = float(Z[0, 0])
+    if len(Z) == 1:
+        if not a > 0:
+            raise np.linalg.LinAlgError("Matrix is not positive definite")
+        return np.array([[1 / sqrt(a)]])
+    b = float(Z[1, 0])
+    rest = a * float(Z[1, 1]) - b * b
+    if not (a > 0 and rest > 0):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    root = sqrt(a)
+    return np.array([[1 / root, 0.0], [-b / (root * sqrt(rest)), root / sqrt(rest)]])
 
 
 class Joint:
@@ -117,7 +142,7 @@ class Joint:
         numpy.linalg.LinAlgError
             Z is not positive definite.
         """
-        inverse = np.linalg.inv(np.linalg.cholesky(Z))
+        inverse = whitening(Z)
         W = self.columns(rows) @ (H.T @ inverse.T)
         self._add(W, -1.0)
         return np.asarray(W @ (inverse @ z))

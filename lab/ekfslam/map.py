@@ -142,7 +142,7 @@ class Map:
             chosen = [targets[i] for i in plain]
             rows = np.array([t.rows[:2] for t in chosen])
             e, H = self.filter.linearise(self, robot, sensor, chosen, rows)
-            rows = np.concatenate([np.broadcast_to(robot.rows, (len(rows), 3)), rows], axis=1)
+            rows = np.concatenate([np.tile(robot.rows, (len(rows), 1)), rows], axis=1)
             E = H @ self.joint.block(rows) @ np.swapaxes(H, -1, -2)
             found = {i: (e[k], E[k], rows[k], H[k]) for k, i in enumerate(plain)}
         for i, target in enumerate(targets):
@@ -166,7 +166,7 @@ class Map:
         R is one covariance (p, p) or one for each (k, p, p); the sensor's own by default.
         """
         R = sensor.R if R is None else np.asarray(R)
-        Rs = np.broadcast_to(R, (len(targets), *R.shape[-2:]))
+        Rs = R if R.ndim == 3 else [R] * len(targets)
         return [
             Observation(robot, sensor, target, y, sensor.difference(y, e), E + R, R, rows, H, self.version)
             for target, y, R, (e, E, rows, H) in zip(targets, ys, Rs, self.expect(robot, sensor, targets), strict=True)
@@ -222,16 +222,17 @@ class Map:
             raise InputError("This observation belongs to an older map: observe again before correcting.")
         if len(observations) == 1:
             (o,) = observations
-            rows, H, z, Z = o.rows, o.H, o.z, o.Z
+            rows, H, z, Z, nis = o.rows, o.H, o.z, o.Z, o.nis
         else:
             rows, H = stacked(observations)
             z = np.concatenate([o.z for o in observations])
             Z = H @ self.joint.block(rows) @ H.T + block_diag(*(o.R for o in observations))
+            nis = float(z @ np.linalg.solve(Z, z))
         self.filter.inject(self, self.joint.correct(rows, H, z, Z))
         if self._rays:
             self._repair()
         self.version += 1
-        return float(z @ np.linalg.solve(Z, z))
+        return nis
 
     def initialise(
         self,
