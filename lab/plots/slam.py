@@ -55,11 +55,11 @@ class Scene:
             (self.true_robot,) = ax.plot([], [], color="red", linewidth=1.6, label="true robot")
         (self.way,) = ax.plot([], [], color="blue", linewidth=0.8, linestyle=":")
         (self.robot,) = ax.plot([], [], color="blue", linewidth=1.6, linestyle="--", label="estimated robot")
-        (self.ellipse,) = ax.plot([], [], color="magenta", linewidth=1.4, label=f"its {SIGMAS}-sigma ellipse")
+        (self.ellipse,) = ax.plot([], [], color="magenta", linewidth=1.4, label=f"robot's {SIGMAS}-sigma ellipse")
         (self.points,) = ax.plot(
             [], [], linestyle="", marker="+", color="blue", markersize=6, mew=1.6, label="estimated landmark"
         )
-        self.ellipses = LineCollection([], colors="green", linewidths=0.9, label=f"its {SIGMAS}-sigma ellipse ")
+        self.ellipses = LineCollection([], colors="green", linewidths=0.9, label=f"landmark's {SIGMAS}-sigma ellipse")
         ax.add_collection(self.ellipses, autolim=False)
         ax.set(xlabel="$x$ [m]", ylabel="$y$ [m]", aspect="equal")
 
