@@ -48,7 +48,7 @@ def ekf_slam(
         found = _run(filter, sensor, settings, runs, seed, jobs)
         with output.deaf_reader():
             worlds = "one world" if runs == 1 else f"{runs} worlds"
-            title = f"{filter}, {sensor}, association {association}: {worlds} of {len(found.runs[0].drive.u)} steps"
+            title = f"{found.label}: {worlds} of {len(found.runs[0].drive.u)} steps"
             tables.print_slam(title, app.rows(found), app.words(found))
         if picture is not None:
             from lab.plots.slam import save_animation

@@ -89,6 +89,13 @@ class Run:
         return np.asarray(np.sqrt(np.maximum(self.P[:, 2, 2], 0)))
 
     @property
+    def nees_mean(self) -> float:
+        """Mean of the NEES over the last steps; NaN where a drive is too short to have one."""
+        last = self.nees[-LAST:]
+        counted = last[~np.isnan(last)]
+        return float(counted.mean()) if len(counted) else float("nan")
+
+    @property
     def errors(self) -> Array:
         """Distances (N + 1,) of the estimated from the true positions [m]."""
         return np.asarray(np.linalg.norm(self.r[:, :2] - self.drive.truth[:, :2], axis=1))
