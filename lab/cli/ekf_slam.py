@@ -51,9 +51,7 @@ def ekf_slam(
             title = f"{found.label}: {worlds} of {len(found.runs[0].drive.u)} steps"
             tables.print_slam(title, app.rows(found), app.words(found))
         if picture is not None:
-            from lab.plots.slam import save_animation
-
-            save_animation(found.runs[0], picture)
+            _animate(found, picture)
         if folder is not None:
             app.write_summary(folder, found.summary())
             app.write_runs(folder, found)
@@ -84,6 +82,17 @@ def _check(filter: str, sensor: str, settings: "Settings", animate: Path | None)
         from lab.plots.slam import check_animation
 
         check_animation(animate)
+
+
+def _animate(found: "Demo", path: Path) -> None:
+    from lab.cli.output import progress_display
+    from lab.plots.slam import save_animation
+
+    with progress_display() as progress:
+        bar = progress.add_task("animating")
+        save_animation(
+            found.runs[0], path, on_frame=lambda done, total: progress.update(bar, completed=done, total=total)
+        )
 
 
 def _run(filter: str, sensor: str, settings: "Settings", runs: int, seed: int, jobs: int) -> "Demo":
