@@ -188,6 +188,15 @@ def test_the_live_map(run):
     assert not figure.legends[0].get_window_extent().overlaps(bottom.get_tightbbox())
 
 
+def test_rings_are_drawn():
+    ranging = demo.run("ri", seed=1, sensor="range", world=short, frames=True)
+    figure = new_figure(7, 9)
+    draw_run(figure, ranging)(2)
+    (dots,) = [line for line in figure.axes[0].lines if line.get_label() == "hypothesis of a ring"]
+    np.testing.assert_array_equal(dots.get_xydata(), ranging.frames[1].hypotheses)
+    assert len(dots.get_xydata()) > 24
+
+
 def test_a_run_without_frames_is_not_drawn():
     with pytest.raises(InputError, match="frames=True"):
         draw_run(new_figure(3, 3), demo.run("ekf", world=short))

@@ -61,13 +61,14 @@ class Scene:
         (self.points,) = ax.plot(
             [], [], linestyle="", marker="+", color="blue", markersize=6, mew=1.6, label="estimated landmark"
         )
+        (self.hypotheses,) = ax.plot([], [], linestyle="", marker=".", color="0.55", markersize=4)
         self.ellipses = LineCollection([], colors="green", linewidths=0.9, label=f"landmark's {SIGMAS}-sigma ellipse")
         ax.add_collection(self.ellipses, autolim=False)
         ax.set(xlabel="$x$ [m]", ylabel="$y$ [m]", aspect="equal")
 
     def show(self, k: int, r: Array, frame: Frame) -> list[Artist]:
         """Show the map at instant k; r (k + 1, 3) is the estimated way so far."""
-        artists: list[Artist] = [self.way, self.robot, self.ellipse, self.points, self.ellipses]
+        artists: list[Artist] = [self.way, self.robot, self.ellipse, self.hypotheses, self.points, self.ellipses]
         if self.truth is not None:
             self.path.set_data(*self.truth[: k + 1, :2].T)
             self.true_robot.set_data(*triangle(self.truth[k]).T)
@@ -76,6 +77,7 @@ class Scene:
         self.robot.set_data(*triangle(frame.r).T)
         self.ellipse.set_data(*cov2elli(frame.r[:2], frame.P[:2, :2], SIGMAS).T)
         self.points.set_data(*frame.points.T)
+        self.hypotheses.set_data(*frame.hypotheses.T)
         pairs = zip(frame.points, frame.covs, strict=True)
         self.ellipses.set_segments([cov2elli(point, cov, SIGMAS) for point, cov in pairs])
         return artists
@@ -113,6 +115,8 @@ def draw_run(figure: Figure, run: Run) -> Callable[[int], list[Artist]]:
         raise InputError("A run is drawn from its frames: run it with frames=True.")
     top, bottom = figure.subplots(2, 1, height_ratios=(4, 1))
     scene = Scene(top, run.drive.W, run.drive.truth)
+    if any(len(frame.hypotheses) for frame in run.frames):
+        scene.hypotheses.set_label("hypothesis of a ring")
     reach = max(REACH, 1.1 * float(np.abs(run.drive.W).max(initial=0)))
     top.set(xlim=(-reach, reach), ylim=(-reach, reach))
     draw_strip(bottom, run.nees)
