@@ -17,12 +17,9 @@ Source: question 8 of the handout.
 """
 
 import hashlib
-import signal
-import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,6 +31,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from lab.problem import Problem, require_problem
+from lab.processes import deaf_to_interrupts
 from lab.result import Filtered
 from lab.solvers import Solver, check_filtered, kalman
 from lab.validation import Array, InputError, whole_number
@@ -188,7 +186,7 @@ def compare(
         for unit in sorted(units, key=lambda unit: -unit.n_particles)  # long ones first: workers end together
     )
     done = {}
-    with _deaf_to_interrupts():
+    with deaf_to_interrupts():
         results = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
     for record in results:
         done[record.unit] = record
@@ -289,19 +287,6 @@ def _described(error: BaseException) -> str:
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
     text = " ".join(f"{type(error).__name__}: {error}{where}".split())
     return text.encode("utf-8", "backslashreplace").decode("utf-8")  # lone surrogates fit in no file
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Start processes that leave Ctrl-C to this one, which ends them; otherwise each would print its own traceback."""
-    if threading.current_thread() is not threading.main_thread():  # elsewhere Python sets no handlers
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # processes inherit no other handler than this
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _first(condition: Any) -> float:

@@ -16,6 +16,7 @@ FLOORS = {
     "data_simulation": 0,
     "lab": 0,  # lab/__init__.py itself: every import of a module runs it, so it imports nothing
     "lab.validation": 0,
+    "lab.processes": 0,
     "lab.gaussian": 1,
     "lab.weights": 1,
     "lab.resampling": 1,

@@ -31,6 +31,8 @@ def readable(path: Path) -> Iterator[None]:
         raise
     except (EOFError, gzip.BadGzipFile) as error:
         what = "is cut short" if isinstance(error, EOFError) else "is not compressed as its name says"
+        if path.suffix != ".gz":
+            what = f"is damaged, or not a {path.suffix} file ({type(error).__name__})"
         raise InputError(f"{path} {what}.") from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
