@@ -20,10 +20,24 @@ import pandas as pd
 from scipy.stats import chi2
 
 from lab import gaussian
+from lab.gaussian import chi2_band
 from lab.problem import Experiment, Problem
 from lab.result import Filtered
 from lab.solvers import kalman
 from lab.validation import Array, InputError
+
+__all__ = [
+    "assess",
+    "chi2_band",
+    "corridors_hold",
+    "ellipses_hold",
+    "expected_kl",
+    "expected_wasserstein",
+    "kl_from_exact",
+    "nees",
+    "nis",
+    "wasserstein_from_exact",
+]
 
 ELLIPSE = 0.99
 CORRIDOR = 3.0
@@ -63,14 +77,6 @@ def nis(filtered: Filtered, problem: Problem) -> tuple[Array, Array]:
         mean, cov = gaussian.predict(filtered.means[k - 1], filtered.covs[k - 1], model.F, model.B, model.noise_cov)
         values[k], dof[k] = _mahalanobis(z - H @ mean, H @ cov @ H.T + R), len(z)
     return values, dof
-
-
-def chi2_band(dof: float, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the interval that holds the mean over `runs` independent chi2(dof) values with probability `level`."""
-    if not 0 < level < 1:
-        raise InputError(f"level must lie strictly between 0 and 1, not {level}.")
-    low, high = chi2.ppf([(1 - level) / 2, (1 + level) / 2], dof * runs) / runs
-    return float(low), float(high)
 
 
 def ellipses_hold(filtered: Filtered, truth: Array, exact: Filtered, probability: float = ELLIPSE) -> Array:

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from scipy.stats import chi2
 
-from lab.validation import Array
+from lab.validation import Array, InputError
 
 LOG_2PI = float(np.log(2 * np.pi))
 RANK_TOLERANCE = 1e-12  # eigenvalues of a correlation matrix below it are rounding
@@ -169,6 +170,20 @@ def log_density(deviation: Array, cov: Array) -> Array:
     whitened = scipy.linalg.solve_triangular(factor, deviation, lower=True, check_finite=False)
     log_determinant = 2 * np.log(np.diag(factor)).sum()
     return np.asarray(-0.5 * (np.sum(whitened**2, axis=0) + log_determinant + len(cov) * LOG_2PI))
+
+
+def chi2_band(dof: float, runs: int, level: float = 0.95) -> tuple[float, float]:
+    """Return the interval that holds the mean over `runs` independent chi2(dof) values with probability `level`.
+
+    Raises
+    ------
+    InputError
+        `level` is no probability.
+    """
+    if not 0 < level < 1:
+        raise InputError(f"level must lie strictly between 0 and 1, not {level}.")
+    low, high = chi2.ppf([(1 - level) / 2, (1 + level) / 2], dof * runs) / runs
+    return float(low), float(high)
 
 
 def _column(vector: Array, like: Array) -> Array:

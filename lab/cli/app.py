@@ -8,6 +8,7 @@ from typer import TyperException
 
 import lab
 from lab.cli.compare import compare
+from lab.cli.ekf_slam import ekf_slam
 from lab.cli.forecast import forecast
 from lab.cli.output import RunError, Stopped
 from lab.cli.run import run
@@ -26,6 +27,7 @@ app.command()(simulate)
 app.command()(run)
 app.command()(compare)
 app.command()(forecast)
+app.command()(ekf_slam)
 
 
 def _show_version(wanted: bool) -> None:

@@ -84,6 +84,13 @@ def print_forecast(
     _print_lines(["With systematic or ESS-triggered resampling the error is usually smaller; that is no theorem."])
 
 
+def print_slam(title: str, rows: Sequence[Sequence[str]], lines: Sequence[str]) -> None:
+    """Print errors as they are and aligned, and the verdict below."""
+    console().print(title, markup=False)
+    _print_rows(["", "as it is", "aligned"], rows)
+    _print_lines(lines)
+
+
 def _print_rows(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     _print_table(zip(headers, *rows, strict=True))
 

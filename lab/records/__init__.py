@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lab.records import mat, npz
-from lab.records.files import atomic_path
+from lab.records.files import atomic_path, readable
 from lab.records.mat import from_handout, write_simulation
 from lab.validation import InputError
 
@@ -28,16 +28,8 @@ def read(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     form = _format_of(path)
-    if not path.is_file():
-        raise InputError(f"{path} is a folder, not a file." if path.is_dir() else f"{path} does not exist.")
-    try:
+    with readable(path):
         fields: dict[str, Any] = form.read(path)
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    except Exception as error:  # on damaged bytes the readers raise anything: zlib.error, TokenError, ValueError...
-        raise InputError(f"{path} is damaged, or not a {path.suffix} file ({type(error).__name__}).") from None
     return fields
 
 

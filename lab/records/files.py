@@ -1,5 +1,10 @@
-"""Writing without leaving halves: a temporary name beside the real one, renamed when all is there."""
+"""Reading and writing without surprises.
 
+A file is written under a temporary name beside the real one and renamed when all is there; a file that cannot be read
+is one sentence, whatever its damage makes a reader raise.
+"""
+
+import gzip
 import os
 import tempfile
 from collections.abc import Iterator
@@ -7,6 +12,32 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from lab.validation import InputError
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Turn what reading this file raises into one sentence that names it.
+
+    Raises
+    ------
+    InputError
+        The file is missing, a folder, cannot be opened, or is damaged.
+    """
+    if not path.is_file():
+        raise InputError(f"{path} is a folder, not a file." if path.is_dir() else f"{path} does not exist.")
+    try:
+        yield
+    except InputError:
+        raise
+    except (EOFError, gzip.BadGzipFile) as error:
+        what = "is cut short" if isinstance(error, EOFError) else "is not compressed as its name says"
+        if path.suffix != ".gz":
+            what = f"is damaged, or not a {path.suffix} file ({type(error).__name__})"
+        raise InputError(f"{path} {what}.") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+    except Exception as error:  # on damaged bytes the readers raise anything: zlib.error, TokenError, ValueError...
+        raise InputError(f"{path} is damaged, or not a {path.suffix} file ({type(error).__name__}).") from None
 
 
 @contextmanager

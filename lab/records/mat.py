@@ -28,6 +28,17 @@ def read(path: Path) -> dict[str, Any]:
     InputError
         A -v7.3 file, a file in Octave's own format, or a variable that is missing or of the wrong kind or shape.
     """
+    return from_handout(load(path))
+
+
+def load(path: Path) -> dict[str, Any]:
+    """Return the variables of a MATLAB file as scipy reads them, sparse matrices made dense.
+
+    Raises
+    ------
+    InputError
+        A -v7.3 file, or a file in Octave's own format.
+    """
     with path.open("rb") as file:
         if file.read(80).startswith((b"# Created by Octave", b"Octave-1-")):
             raise InputError(f"{path} is a file of Octave's own: in Octave, save it with '-v7'.")
@@ -35,7 +46,7 @@ def read(path: Path) -> dict[str, Any]:
         variables = scipy.io.loadmat(path)
     except NotImplementedError:
         raise InputError(f"{path} is a -v7.3 file, which cannot be read: in MATLAB, save it with '-v7'.") from None
-    return from_handout({name: _dense(value) for name, value in variables.items()})
+    return {name: _dense(value) for name, value in variables.items()}
 
 
 def from_handout(variables: dict[str, Any]) -> dict[str, Any]:
