@@ -421,7 +421,9 @@ def test_the_simulation_at_hand(filter, error, nees):
     assert run.updates == 9797 - 78
 
 
-@pytest.mark.parametrize("filter", ["ekf", "fej", "ri"])
+@pytest.mark.parametrize(
+    "filter", ["ekf", pytest.param("fej", marks=pytest.mark.long), pytest.param("ri", marks=pytest.mark.long)]
+)
 @needs(NTNU)
 def test_the_simulation_at_hand_without_names(filter):
     run = replay(drives.from_simulation(ntnu.read(NTNU)), filter, association="nearest")

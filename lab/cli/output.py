@@ -120,16 +120,16 @@ def write_config(folder: Path, command: str, arguments: dict[str, Any], inputs: 
     command : str
         Such as "compare".
     arguments : dict
-        Every option by its long name; None for one that was not given.
+        Every option by its long name; None for one that was not given, True for a switch, a tuple for several words.
     inputs : dict
         What `fingerprints` returned.
     """
     given = {name: value for name, value in arguments.items() if value is not None}
-    words = [f"--{name}={value}" if name != "solver" else str(value) for name, value in given.items()]
+    words = [word for name, value in given.items() for word in _typed(name, value)]
     config = {
         "repeat": shlex.join([PROGRAM, command, *words]),
         "command": command,
-        "arguments": {name: value if isinstance(value, int | float) else str(value) for name, value in given.items()},
+        "arguments": {name: _recorded(value) for name, value in given.items()},
         "inputs": inputs,
         "files": sorted([CONFIG, *(file.name for file in folder.iterdir())]),
         "versions": {"toy-slam-lab": lab.__version__, "python": platform.python_version()}
@@ -137,6 +137,22 @@ def write_config(folder: Path, command: str, arguments: dict[str, Any], inputs: 
         "platform": platform.platform(),
     }
     (folder / CONFIG).write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
+
+
+def _recorded(value: Any) -> Any:
+    """Return what JSON keeps of an argument."""
+    if isinstance(value, tuple):
+        return [str(word) for word in value]
+    return value if isinstance(value, int | float) else str(value)
+
+
+def _typed(name: str, value: Any) -> list[str]:
+    """Return the words with which an argument is given."""
+    if name == "solver":
+        return [str(value)]
+    if value is True:
+        return [f"--{name}"]
+    return [f"--{name}", *map(str, value)] if isinstance(value, tuple) else [f"--{name}={value}"]
 
 
 @contextmanager
