@@ -63,12 +63,10 @@ def ekf_slam(
         found = _run(filter, sensor, settings, runs, seed, jobs)
         with output.deaf_reader():
             worlds = "one world" if runs == 1 else f"{runs} worlds"
-            title = f"{filter}, {sensor}, association {association}: {worlds} of {len(found.runs[0].drive.u)} steps"
+            title = f"{found.label}: {worlds} of {len(found.runs[0].drive.u)} steps"
             tables.print_slam(title, app.rows(found), app.words(found))
         if picture is not None:
-            from lab.plots.slam import save_animation
-
-            save_animation(found.runs[0], picture)
+            _animate(found, picture)
         if folder is not None:
             app.write_summary(folder, found.summary())
             app.write_runs(folder, found)
@@ -99,6 +97,17 @@ def _check(filter: str, sensor: str, settings: "Settings", animate: Path | None)
         from lab.plots.slam import check_animation
 
         check_animation(animate)
+
+
+def _animate(found: "Demo", path: Path) -> None:
+    from lab.cli.output import progress_display
+    from lab.plots.slam import save_animation
+
+    with progress_display() as progress:
+        bar = progress.add_task("animating")
+        save_animation(
+            found.runs[0], path, on_frame=lambda done, total: progress.update(bar, completed=done, total=total)
+        )
 
 
 def _run(filter: str, sensor: str, settings: "Settings", runs: int, seed: int, jobs: int) -> "Demo":

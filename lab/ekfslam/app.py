@@ -56,6 +56,8 @@ class Demo:
     consistency : Consistency
     seconds : float
         On the clock.
+    label : str
+        Filter, sensor and association, for titles.
     """
 
     runs: tuple[Run, ...]
@@ -63,6 +65,7 @@ class Demo:
     errors: dict[str, Array]
     consistency: Consistency
     seconds: float
+    label: str
 
     def summary(self) -> dict[str, Any]:
         """Return the figures under KEYS: means over the runs."""
@@ -131,7 +134,9 @@ def demo(
     ordered = tuple(done[i] for i in range(runs))
     errors = [measure(each) for each in ordered]
     stacked = {name: np.array([error[name] for error in errors]) for name in errors[0]}
-    return Demo(ordered, tuple(seeds), stacked, assess(ordered), time.perf_counter() - start)
+    association = (settings or Settings()).association
+    label = f"{filter}, {sensor}, association {association}"
+    return Demo(ordered, tuple(seeds), stacked, assess(ordered), time.perf_counter() - start, label)
 
 
 def _one(index: int, filter: str, seed: int, sensor: str, settings: Settings | None) -> tuple[int, Run]:
@@ -208,7 +213,7 @@ def write_runs(folder: Path, found: Demo) -> None:
     import pandas as pd
 
     table = pd.DataFrame({"run": range(len(found.runs)), "seed": found.seeds, **found.errors})
-    table["nees"] = [float(each.nees[-LAST:].mean()) for each in found.runs]
+    table["nees"] = [each.nees_mean for each in found.runs]
     for name in ("updates", "rejected", "wrong", "deleted"):
         table[name] = [getattr(each, name) for each in found.runs]
     table.to_csv(folder / "runs.csv", index=False)
@@ -223,6 +228,13 @@ def write_figures(folder: Path, found: Demo) -> None:
     first, name, n = found.runs[0], found.runs[0].filter, len(found.runs)
     figure = new_figure(7, 9.6)
     draw_run(figure, first)
+    error = {name: 100 * values[0] for name, values in found.errors.items()}
+    figure.suptitle(
+        f"{found.label}, first run\nposition RMSE {error['position_rmse']:.1f} cm"
+        f" (aligned {error['position_rmse_aligned']:.1f} cm),"
+        f" landmarks {error['landmark_rmse']:.1f} cm (aligned {error['landmark_rmse_aligned']:.1f} cm)",
+        fontsize="medium",
+    )
     text = f"True and estimated robot and landmarks of {name} with 3-sigma ellipses, and the pose's NEES over time."
     save_png(figure, folder / "map.png", text)
 

@@ -28,12 +28,13 @@ LAST = 20  # steps over which the figures of NEES are means
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The map at one step, for pictures: the pose and its covariance, the landmarks and theirs."""
+    """The map at one step, for pictures: pose and covariance, landmarks and theirs, hypotheses of rings."""
 
     r: Array
     P: Array
     points: Array
     covs: Array
+    hypotheses: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class Run:
     nis, dof : (N + 1,) array
         Sums over the known landmarks of each step, the rejected ones included.
     mapped : (N + 1,) array of int
-        How many landmarks are in the map.
+        How many landmarks are in the map, those that are still a ring included.
     points : (m, 2) array
         Landmarks at the end [m].
     covs : (m, 2, 2) array
@@ -87,6 +88,13 @@ class Run:
     def heading_std(self) -> Array:
         """Deviations (N + 1,) of the heading [rad]."""
         return np.asarray(np.sqrt(np.maximum(self.P[:, 2, 2], 0)))
+
+    @property
+    def nees_mean(self) -> float:
+        """Mean of the NEES over the last steps; NaN where a drive is too short to have one."""
+        last = self.nees[-LAST:]
+        counted = last[~np.isnan(last)]
+        return float(counted.mean()) if len(counted) else float("nan")
 
     @property
     def errors(self) -> Array:
@@ -158,11 +166,11 @@ def follow(
             elif event.what == "corrected" and origin[event.name] != event.measurement:
                 counts["wrong"] += 1
         r[k], P[k] = m.pose(robot)
-        mapped[k] = len(m.landmarks)
+        mapped[k] = len(m.landmarks) + len(slam.rings)
         if k > SKIPPED:
             nees[k] = m.nees(robot, route.truth[k])
         if frames:
-            kept.append(Frame(r[k], P[k], *m.points()))
+            kept.append(Frame(r[k], P[k], *m.points(), m.points(m.hypotheses)[0]))
     points, covs = m.points()
     whose = np.array([origin[name] for name in m.landmarks], dtype=int)
     corrected, rejected, wrong, deleted = (counts[name] for name in ("corrected", "rejected", "wrong", "deleted"))

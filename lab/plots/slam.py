@@ -7,11 +7,13 @@ magenta and the landmarks' green, of 16 segments.  The curves of filters take th
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, FuncAnimation
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
@@ -19,7 +21,7 @@ from lab.ekfslam.consistency import POSE, Consistency
 from lab.ekfslam.demo import Frame, Run
 from lab.ekfslam.uncertainty import cov2elli
 from lab.gaussian import chi2_band
-from lab.plots.style import instants_axis, legend_below, look, new_figure
+from lab.plots.style import instants_axis, legend_below, look
 from lab.validation import Array, InputError
 
 SIGMAS = 3
@@ -59,13 +61,14 @@ class Scene:
         (self.points,) = ax.plot(
             [], [], linestyle="", marker="+", color="blue", markersize=6, mew=1.6, label="estimated landmark"
         )
+        (self.hypotheses,) = ax.plot([], [], linestyle="", marker=".", color="0.55", markersize=4)
         self.ellipses = LineCollection([], colors="green", linewidths=0.9, label=f"landmark's {SIGMAS}-sigma ellipse")
         ax.add_collection(self.ellipses, autolim=False)
         ax.set(xlabel="$x$ [m]", ylabel="$y$ [m]", aspect="equal")
 
     def show(self, k: int, r: Array, frame: Frame) -> list[Artist]:
         """Show the map at instant k; r (k + 1, 3) is the estimated way so far."""
-        artists: list[Artist] = [self.way, self.robot, self.ellipse, self.points, self.ellipses]
+        artists: list[Artist] = [self.way, self.robot, self.ellipse, self.hypotheses, self.points, self.ellipses]
         if self.truth is not None:
             self.path.set_data(*self.truth[: k + 1, :2].T)
             self.true_robot.set_data(*triangle(self.truth[k]).T)
@@ -74,6 +77,7 @@ class Scene:
         self.robot.set_data(*triangle(frame.r).T)
         self.ellipse.set_data(*cov2elli(frame.r[:2], frame.P[:2, :2], SIGMAS).T)
         self.points.set_data(*frame.points.T)
+        self.hypotheses.set_data(*frame.hypotheses.T)
         pairs = zip(frame.points, frame.covs, strict=True)
         self.ellipses.set_segments([cov2elli(point, cov, SIGMAS) for point, cov in pairs])
         return artists
@@ -111,6 +115,8 @@ def draw_run(figure: Figure, run: Run) -> Callable[[int], list[Artist]]:
         raise InputError("A run is drawn from its frames: run it with frames=True.")
     top, bottom = figure.subplots(2, 1, height_ratios=(4, 1))
     scene = Scene(top, run.drive.W, run.drive.truth)
+    if any(len(frame.hypotheses) for frame in run.frames):
+        scene.hypotheses.set_label("hypothesis of a ring")
     reach = max(REACH, 1.1 * float(np.abs(run.drive.W).max(initial=0)))
     top.set(xlim=(-reach, reach), ylim=(-reach, reach))
     draw_strip(bottom, run.nees)
@@ -143,8 +149,10 @@ def check_animation(path: Path) -> None:
         raise InputError(f"{path}: an .mp4 needs the program ffmpeg, which is missing here; save a .gif instead.")
 
 
-def save_animation(run: Run, path: Path, *, interval: float = 80) -> None:
-    """Save the live map of a run as .gif or .mp4, by the ending of `path`.
+def save_animation(
+    run: Run, path: Path, *, interval: float = 80, on_frame: Callable[[int, int], None] = lambda done, total: None
+) -> None:
+    """Save the live map of a run as .gif or .mp4, by the ending of `path`; `on_frame` is told how many of how many.
 
     Raises
     ------
@@ -152,12 +160,45 @@ def save_animation(run: Run, path: Path, *, interval: float = 80) -> None:
         Another ending, or .mp4 without ffmpeg.
     """
     check_animation(path)
-    figure = new_figure(7, 9.6)
+    figure = _Film(figsize=(7, 9.6), dpi=80, layout="constrained")
+    canvas: Any = _FilmCanvas(figure)
     update = draw_run(figure, run)
-    figure.draw_without_rendering()
+    canvas.draw()
     figure.set_layout_engine("none")  # the frames must not shift against each other
-    animation = FuncAnimation(figure, update, frames=range(1, len(run.frames) + 1), interval=interval)
-    animation.save(path, writer="pillow" if path.suffix.lower() == ".gif" else "ffmpeg", dpi=80)
+    moving = update(1)
+    for artist in moving:
+        artist.set_visible(False)
+    canvas.draw()
+    still = canvas.copy_from_bbox(figure.bbox)
+    for artist in moving:
+        artist.set_visible(True)
+
+    def show(k: int) -> list[Artist]:
+        canvas.restore_region(still)
+        for artist in update(k):
+            assert isinstance(artist.axes, Axes)
+            artist.axes.draw_artist(artist)
+        return moving
+
+    animation = FuncAnimation(figure, show, frames=range(1, len(run.frames) + 1), interval=interval)
+    writer = "pillow" if path.suffix.lower() == ".gif" else "ffmpeg"
+    animation.save(path, writer=writer, progress_callback=lambda done, total: on_frame(done + 1, total))
+
+
+class _Film(Figure):
+    """A figure whose frames are what its canvas holds: to draw axes and legend anew for each takes far longer."""
+
+    def savefig(self, fname: Any, **_: Any) -> None:
+        """Write the canvas as it is, in the RGBA that movie writers ask for."""
+        canvas: Any = self.canvas
+        fname.write(bytes(canvas.buffer_rgba()))
+
+
+class _FilmCanvas(FigureCanvasAgg):
+    """A canvas that is drawn when it is told to, and not after each frame."""
+
+    def draw_idle(self, *_: Any, **__: Any) -> None:
+        """Do nothing."""
 
 
 def draw_consistency(axes: Sequence[Axes], found: Mapping[str, Consistency], runs: int) -> None:
