@@ -198,6 +198,14 @@ def test_truth_is_interpolated_and_no_further():
     assert fleet.true_pose(replace(log, truth=None), 0.0) is None
 
 
+def test_a_robot_that_starts_in_a_gap_of_its_truth(folder):
+    data = mrclam.read(folder)
+    log = data.robots[2]
+    late = replace(log, truth=log.truth[(log.truth[:, 0] < 0.01) | (log.truth[:, 0] > 3.0)])
+    recording = fleet.together(replace(data, robots={**data.robots, 2: late}), fleet.Options(delay=1.0))
+    np.testing.assert_allclose(recording.starts[2], log.truth[0, 1:])
+
+
 def test_without_truth_one_robot_starts_at_the_origin(folder):
     (folder / "Robot2_Groundtruth.dat").unlink()
     with pytest.raises(InputError, match="Robot 2 has no ground truth"):
@@ -341,7 +349,9 @@ def test_a_factor_file_against_its_batch_optimum(tmp_path, filter, style):
     """The world is nearly linear, so that the filter's final map nearly is the optimum's."""
     graph = victoria_park.read(write_graph(tmp_path / "g.txt", drive(seed=5), style))
     best = batch.optimum_by_parts(graph)
-    run = replay(drives.from_factors(graph), filter)
+    recording = drives.from_factors(graph)
+    assert recording.sensor == ("range-bearing" if style == "toro" else "position")
+    run = replay(recording, filter)
     assert [*run.landmarks] == graph.landmark_ids.tolist()
     apart = np.array([*run.landmarks.values()]) - best.landmarks
     deviations = np.sqrt([np.trace(cov) for cov in run.covs.values()])

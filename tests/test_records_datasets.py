@@ -214,6 +214,10 @@ def test_a_factor_file(tmp_path, style):
     first = {}
     for name in np.concatenate(world.names).tolist():
         first.setdefault(name, len(first))
+    assert (graph.polar is None) == (style != "toro")
+    if graph.polar is not None:
+        np.testing.assert_allclose(graph.polar, ranges_bearings)
+        np.testing.assert_allclose(graph.polar_covs, np.broadcast_to(np.diag([0.05**2, 0.02**2]), (n_seen, 2, 2)))
     assert graph.landmarks_of.tolist() == [first[name] for name in np.concatenate(world.names).tolist()]
     assert graph.skipped.total == graph.sorted_lines == 0
 
@@ -235,6 +239,7 @@ def test_the_covariance_of_every_tag(tmp_path):
     np.testing.assert_allclose(graph.sighting_covs[4], np.diag([0.25, 0.04]), atol=1e-15)
     np.testing.assert_allclose(graph.sightings[3:], [[5, 0], [0, 5]], atol=1e-12)
     assert graph.landmark_ids.tolist() == [0]  # the number of a pose, too
+    assert graph.polar is None  # some are places
 
 
 def test_lines_in_any_order_and_edges_backwards(tmp_path):

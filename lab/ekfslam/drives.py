@@ -2,8 +2,8 @@
 
 Question answered: which control, which measurement and which noise does each line of the data stand for?  A simulation
 gives ranges and bearings without names; the true poses and landmarks tell which landmark each is, by assignment.  A
-factor file gives places in the robot's frame, each with its covariance, and they are taken as such: turned into range
-and bearing the noise would not be the file's.
+factor file gives places in the robot's frame, each with its covariance, or ranges and bearings, and they are taken as
+they are: turned into each other the noise would not be the file's.
 Called by lab.ekfslam.app.
 """
 
@@ -93,12 +93,15 @@ def from_factors(graph: FactorGraph, reference: Values | None = None) -> Recordi
     """
     known = Values({}, {}, Skipped()) if reference is None else reference
     names = graph.landmark_ids[graph.landmarks_of].tolist()
+    ys, Rs = graph.sightings, graph.sighting_covs
+    sensor = "position"
+    if graph.polar is not None and graph.polar_covs is not None:
+        ys, Rs, sensor = graph.polar, graph.polar_covs, "range-bearing"
     at = np.searchsorted(graph.poses_of, np.arange(len(graph.pose_ids) + 1))
     steps = []
     for k, pose in enumerate(graph.pose_ids.tolist()):
         motions = (Motion("robot", graph.odometry[k - 1], graph.odometry_covs[k - 1]),) if k else ()
         part = slice(at[k], at[k + 1])
-        seen, covs = graph.sightings[part], graph.sighting_covs[part]
-        steps.append(Step("robot", motions, seen, covs, tuple(names[part]), known.poses.get(pose)))
+        steps.append(Step("robot", motions, ys[part], Rs[part], tuple(names[part]), known.poses.get(pose)))
     start = known.poses.get(int(graph.pose_ids[0]), np.zeros(3))
-    return Recording({"robot": start}, tuple(steps), dict(known.landmarks.items()), "position")
+    return Recording({"robot": start}, tuple(steps), dict(known.landmarks.items()), sensor)

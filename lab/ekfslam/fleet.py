@@ -214,7 +214,10 @@ def _thinned(log: RobotLog, wanted: set[int]) -> Sequence[tuple[float, list[int]
 
 
 def _start(data: Mrclam, robot: int, t: float) -> Array:
-    pose = true_pose(data.robots[robot], t)
+    log = data.robots[robot]
+    pose = true_pose(log, t)
+    if pose is None and log.truth is not None:  # a gap: the nearest pose is better than none
+        pose = np.array(log.truth[np.argmin(np.abs(log.truth[:, 0] - t)), 1:])
     if pose is None and len(data.robots) > 1:
         raise InputError(
             f"Robot {robot} has no ground truth to start from, so that it cannot share a map; choose one robot, or"
