@@ -100,6 +100,14 @@ def test_nis_is_averaged_over_stretches(ax):
     np.testing.assert_allclose([edges.min(), edges.max()], [low, high])
 
 
+def test_nis_of_several_robots_is_summed(ax):
+    one, two = way(n=600, label="robot 1"), way(n=590, seed=1, label="robot 2")
+    draw_nis(ax, [one, two])
+    drawn = lines(ax)["all robots"]
+    np.testing.assert_allclose(drawn[0, 1], (one.nis[:10].sum() + two.nis[:10].sum()) / 40)
+    np.testing.assert_allclose(drawn[-1, 1], one.nis[-10:].sum() / 20)
+
+
 def test_stretches_in_which_nothing_is_seen_are_left_out(ax):
     one = way(n=600)
     one.nis[100:300] = one.dof[100:300] = 0

@@ -315,7 +315,11 @@ def test_bad_lines_of_factors_are_counted(tmp_path):
             "LANDMARK 0 9 1 1 1 0 1\n",
             ["from pose 1 to pose 2", "malformed", "g.txt:2"],
         ),
-        ("\x00\x01\x02garbage", ["no motion"]),
+        ("\x00\x01\x02garbage", ["g.txt is no text file"]),
+        (
+            "".join(f"{chr(300 + i)} 1\nTAG{i} 2\n" for i in range(9)),
+            ["no motion", "9 malformed (first: g.txt:1)", "..."],
+        ),
     ],
 )
 def test_factor_files_that_cannot_be_used(tmp_path, text, words):
@@ -324,6 +328,13 @@ def test_factor_files_that_cannot_be_used(tmp_path, text, words):
         victoria_park.read(tmp_path / "g.txt")
     for word in words:
         assert word in str(caught.value)
+
+
+def test_what_a_crash_leaves_at_the_end_is_a_bad_line(tmp_path):
+    file = write_graph(tmp_path / "g.txt", drive(steps=30))
+    with file.open("a") as handle:
+        handle.write("LANDMARK 0 1 2" + "\0" * 50 + "\n")
+    assert victoria_park.read(file).skipped.counts == {"malformed": 1}
 
 
 def test_factor_files_that_are_not_there(tmp_path):

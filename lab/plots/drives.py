@@ -106,7 +106,8 @@ def draw_charts(ax: Axes, charts: Sequence[Chart], *, aligned: bool = False) -> 
             )
             rings = [cov2elli(p, turn @ P @ turn.T, SIGMAS) for p, P in zip(moved, chart.covs, strict=True)]
             label = f"its {SIGMAS}-sigma ellipse"
-            ax.add_collection(LineCollection(rings, colors="green", linewidths=0.9, zorder=3, label=label))
+            width = 0.9 if len(charts) == 1 else 0.4  # several maps of the same landmarks
+            ax.add_collection(LineCollection(rings, colors="green", linewidths=width, zorder=3, label=label))
     ax.set(xlabel="$x$ [m]", ylabel="$y$ [m]")
     ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
@@ -127,25 +128,20 @@ def draw_nees(ax: Axes, ways: Sequence[Way]) -> Axes:
 
 
 def draw_nis(ax: Axes, ways: Sequence[Way]) -> Axes:
-    """Draw NIS by degree of freedom, averaged over stretches of time, above the 95 % band of a filter that is right."""
+    """Draw NIS by degree of freedom of all robots, averaged over stretches of time, above the 95 % band."""
     count = max(len(way.nis) for way in ways)
     edges = np.unique(np.linspace(0, count, min(WINDOWS, count) + 1).astype(int))
-    middles = (edges[:-1] + edges[1:]) / 2
-    totals = [
-        [np.array([part.sum() for part in np.split(series, edges[1:-1])]) for series in (way.nis, way.dof)]
-        for way in ways
-    ]
-    dof = np.min([total for _, total in totals], axis=0)
-    busy = dof > 0
-    if busy.any():
-        low, high = (chi2.ppf(p, dof[busy]) / dof[busy] for p in LEVEL)
-        ax.fill_between(
-            middles[busy], low, high, color=BAND, linewidth=0, label="95 % of a filter that knows its noise"
-        )
-    for i, (way, (nis, total)) in enumerate(zip(ways, totals, strict=True)):
-        seen = total > 0
-        style = look(i)
-        ax.plot(middles[seen], nis[seen] / total[seen], marker=".", label=wrapped(way.label), **style.line())
+    nis, dof = (
+        np.sum([[part.sum() for part in np.split(series, edges[1:-1])] for series in each], axis=0)
+        for each in ([way.nis for way in ways], [way.dof for way in ways])
+    )
+    seen = dof > 0
+    middles, nis, dof = ((edges[:-1] + edges[1:]) / 2)[seen], nis[seen], dof[seen]
+    if len(dof):
+        low, high = (chi2.ppf(p, dof) / dof for p in LEVEL)
+        ax.fill_between(middles, low, high, color=BAND, linewidth=0, label=HONEST)
+    label = wrapped(ways[0].label) if len(ways) == 1 else "all robots"
+    ax.plot(middles, nis / dof, marker=".", color="black", linewidth=1, label=label)
     ax.axhline(1, color="0.5", linewidth=0.8)
     ax.set(ylabel="NIS by degree of freedom [-]", xlabel="noted step [-]")
     ax.set_ylim(bottom=0)

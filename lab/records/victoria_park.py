@@ -16,6 +16,7 @@ keeps only the newest pose cannot use: it is counted and left out.  Called by la
 Source: GTSAM, gtsam/slam/dataset.cpp; G. Grisetti et al., g2o, file format.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -27,7 +28,9 @@ from numpy.typing import NDArray
 from lab.records.lines import MALFORMED, Skipped, content, numbers
 from lab.validation import Array, InputError
 
+TAG = re.compile(r"[A-Z][A-Z0-9_:]{1,30}")
 PASSED_OVER = ("VERTEX", "FIX", "PARAMS")
+MOST_KINDS = 4  # of lines left out that an error names
 CLOSURE = "edge between poses that do not follow each other"
 
 
@@ -102,7 +105,7 @@ def read(path: str | Path) -> FactorGraph:
         if tag.startswith(PASSED_OVER):
             continue
         if tag not in LINES:
-            skipped.add(f"unknown tag {tag[:20]}", where)
+            skipped.add(f"unknown tag {tag}" if TAG.fullmatch(tag) else MALFORMED, where)
             continue
         length, parse = LINES[tag]
         values = numbers(rest, length)
@@ -174,7 +177,8 @@ def _assembled(
 
 
 def _because(skipped: Skipped) -> str:
-    return f" (left out: {'; '.join(skipped.sentences())})" if skipped.total else ""
+    told = skipped.sentences()[:MOST_KINDS]
+    return f" (left out: {'; '.join(told)}{', ...' if len(told) < len(skipped.counts) else ''})" if told else ""
 
 
 def _reversed(mean: Array, cov: Array) -> Edge:
