@@ -249,6 +249,17 @@ def test_a_landmark_that_is_never_found_again_is_deleted():
     assert not m.landmarks
 
 
+def test_a_landmark_out_of_view_is_not_searched():
+    m = Map()
+    robot = m.add_robot(np.zeros(3), sensors=[SENSOR], Q=Q)
+    slam = Slam(m, np.random.default_rng(0), Settings(feasible=lambda sensor, e: e[0] < 3))
+    for _ in range(2):
+        slam.step(feed(robot, Raw(np.array([[2.0, 0.0], [4.0, 0.0]]), ["near", "far"])))
+    for _ in range(30):
+        slam.step(feed(robot, Raw(np.empty((0, 2)), [])))
+    assert [*m.landmarks] == ["far"]
+
+
 def test_settings_and_data_that_do_not_go_together():
     with pytest.raises(InputError, match="Unknown association 'guess'"):
         Settings(association="guess")

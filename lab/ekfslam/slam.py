@@ -9,7 +9,7 @@ than half of the matches passed the gate; inverse depth becomes a point when its
 Source: J. Solà (2014), sections 1.3 and 2.4.
 """
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,6 +42,8 @@ class Settings:
         Prior mean and deviation of inverse depth [1/m].
     searches, match_ratio, inlier_ratio : int, float, float
         When a landmark is corrupted.
+    feasible : function of a sensor and an expectation, optional
+        Whether a landmark expected there could be seen at all, and so counts as searched; by default always.
     """
 
     association: str = "known"
@@ -51,6 +53,7 @@ class Settings:
     searches: int = 10
     match_ratio: float = 0.1
     inlier_ratio: float = 0.5
+    feasible: Callable[[Sensor, Array], bool] | None = None
 
     def __post_init__(self) -> None:
         """Check the choice."""
@@ -135,7 +138,7 @@ class Slam:
     def _match(self, robot: Robot, sensor: Sensor, raw: Raw) -> tuple[list[tuple[int, Landmark]], list[int]]:
         """Return which measurements belong to which landmarks of the map, and which to none at all."""
         landmarks, method = self.map.landmarks, ASSOCIATIONS[self.settings.association]
-        for landmark in landmarks.values():
+        for landmark in self._searched(robot, sensor):
             landmark.searches += 1
         if method is None:
             if raw.names is None:
@@ -148,6 +151,14 @@ class Slam:
         matching = method(self.map, robot, sensor, list(raw.ys), probability=self.settings.probability)
         known = [(i, target) for i, target in enumerate(matching.targets) if target is not None]
         return known, matching.new(self.settings.new_beyond)
+
+    def _searched(self, robot: Robot, sensor: Sensor) -> list[Landmark]:
+        """Return the landmarks that the sensor should see."""
+        landmarks, feasible = list(self.map.landmarks.values()), self.settings.feasible
+        if feasible is None:
+            return landmarks
+        expected = self.map.expect(robot, sensor, landmarks)
+        return [landmark for landmark, (e, *_) in zip(landmarks, expected, strict=True) if feasible(sensor, e)]
 
     def _correct(self, robot: Robot, sensor: Sensor, landmark: Landmark, y: Array, index: int) -> Event:
         """Observe, gate, correct."""
