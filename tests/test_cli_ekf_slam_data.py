@@ -116,6 +116,7 @@ def test_a_simulation_without_truth_needs_an_association(here):
     done = call("ekf-slam", "--data", "ntnu", path, "--association", "nearest", *NOISE, "--out", "r")
     assert done.status == 0
     assert [summary_of(here / "r")[name] for name in (*TRUTHLESS, "nees_mean")] == [None] * 6
+    assert "Association nearest: no truth to say how often wrong." in done.out
 
 
 def test_robots_in_one_map_or_apart(here, paths, no_figures):
@@ -162,7 +163,9 @@ def test_a_reference_stands_in_for_the_truth(here, paths):
     done = call(*base, "--reference", "best.g2o", "--out", "r")
     assert done.status == 0
     assert "Errors are against best.g2o" in done.out
+    assert "Lines left out: 1 malformed in the reference (first: best.g2o:" in done.out
     summary = summary_of(here / "r")
+    assert summary["skipped_lines"] == 1
     assert 0 < summary["position_rmse_aligned"] <= summary["position_rmse"] < 0.3
     assert 0 < summary["landmark_rmse_aligned"] <= summary["landmark_rmse"] < 0.3
     assert summary["nees_mean"] is None
@@ -202,7 +205,7 @@ def test_config_repeats_the_command(here, paths, no_figures):
         (("--data", "mrclam", "nowhere"), ["nowhere does not exist", "folder"]),
         (("--data", "mrclam", "s.mat"), ["s.mat is a file"]),
         (("--data", "victoria-park", "set"), ["set is a folder"]),
-        (("--data", "victoria-park", "s.mat"), ["s.mat", "no motion"]),
+        (("--data", "victoria-park", "s.mat"), ["s.mat is no text file"]),
         (("--data", "kitti", "s.mat"), ["Unknown kind of data 'kitti'", "mrclam, victoria-park, ntnu"]),
         (("--data", "ntnu", "s.mat", "--filter", "ukf"), ["Unknown filter 'ukf'"]),
         (("--data", "ntnu", "s.mat", "--association", "guess"), ["Unknown association 'guess'"]),
@@ -218,7 +221,11 @@ def test_config_repeats_the_command(here, paths, no_figures):
         (("--separate",), ["--separate belongs to --data mrclam"]),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(here, paths, arguments, words):
+def test_what_cannot_be_done_is_one_sentence(here, arguments, words):
+    world = drive(steps=3)
+    write_ntnu(here / "s.mat", world)
+    write_graph(here / "g.txt", world)
+    write_mrclam(here / "set", seconds=1)
     before = everything_in(here)
     call("ekf-slam", *arguments, "--out", "new/result").assert_refused(*words)
     assert everything_in(here) == before

@@ -98,6 +98,15 @@ def test_bad_lines_of_mrclam_are_counted(tmp_path):
     np.testing.assert_array_equal(data.landmarks[3], clean.landmarks[3])
 
 
+@pytest.mark.parametrize("number", ["nan", "-inf", "1e300"])
+def test_a_line_whose_only_fault_is_a_number(tmp_path, number):
+    folder = write_mrclam(tmp_path / "set", seconds=2)
+    edit(folder / "Robot1_Odometry.dat", replaced(3, f"1248446188.6 0.3 {number}"))
+    data = mrclam.read(folder)
+    assert data.skipped.counts == {"malformed": 1}
+    assert len(data.robots[1].commands) == 39
+
+
 def test_stamps_that_stand_still_or_run_backwards(tmp_path):
     folder = write_mrclam(tmp_path / "set")
     clean = mrclam.read(folder)
@@ -287,6 +296,7 @@ def test_bad_lines_of_factors_are_counted(tmp_path):
         "EDGE_SE3:QUAT 0 1 2",
         f"ODOMETRY {clean.pose_ids[0]} {clean.pose_ids[5]} 1 0 0 1 0 0 1 0 1",
         f"ODOMETRY {clean.pose_ids[0]} {clean.pose_ids[1]} 9 0 0 1 0 0 1 0 1",
+        f"ODOMETRY {clean.pose_ids[2]} {clean.pose_ids[1]} 9 0 0 1 0 0 1 0 1",
     ]
     file.write_text("\r\n".join([*file.read_text().splitlines(), *more]))
     graph = victoria_park.read(file)
@@ -294,7 +304,7 @@ def test_bad_lines_of_factors_are_counted(tmp_path):
         "malformed": 5,
         "edge of a pose to itself": 1,
         "unknown tag EDGE_SE3:QUAT": 1,
-        "repeated edge": 1,
+        "repeated edge": 2,
         victoria_park.CLOSURE: 1,
         "sighting from an unknown pose": 1,
     }

@@ -115,12 +115,11 @@ def replay_data(options: dict[str, Any]) -> None:
     choices = _choices(options)
     with ExitStack() as stack:
         folder = stack.enter_context(output.result_folder(options["out"])) if options["out"] is not None else None
-        loaded, outcome = _run(kind, path, choices)
+        loaded, outcome, inputs = _run(kind, path, choices)
         title = f"{choices.filter} on {kind} data of {path}: {loaded.steps} steps"
         with output.deaf_reader():
             tables.print_slam(title, app_data.rows(outcome), app_data.words(outcome, choices))
         if folder is not None:
-            inputs = output.fingerprints(_files(path, options["reference"]))
             write_summary(folder, outcome.summary())
             app_data.write_tables(folder, outcome)
             app_data.write_figures(folder, outcome)
@@ -130,17 +129,18 @@ def replay_data(options: dict[str, Any]) -> None:
             typer.echo(f"\nSummary, tables and figures are in {options['out']}.")
 
 
-def _run(kind: str, path: Path, choices: "Choices") -> "tuple[Loaded, Outcome]":
-    """Read and replay behind a progress bar."""
+def _run(kind: str, path: Path, choices: "Choices") -> "tuple[Loaded, Outcome, dict[str, dict[str, str]]]":
+    """Read and replay behind a progress bar; return what the input files were, too."""
     import time
 
-    from lab.cli.output import RunError, progress_display
+    from lab.cli.output import RunError, fingerprints, progress_display
     from lab.ekfslam import app_data
 
     started = time.perf_counter()
     with progress_display() as progress:
         reading = progress.add_task("reading", total=None)
         loaded = app_data.load(kind, path, choices)
+        inputs = fingerprints(_files(path, choices.reference))
         progress.remove_task(reading)
         bar = progress.add_task("mapping", total=loaded.steps)
         try:
@@ -149,7 +149,7 @@ def _run(kind: str, path: Path, choices: "Choices") -> "tuple[Loaded, Outcome]":
             )
         except app_data.Breakdown as error:
             raise RunError(f"{error}; nothing is written.") from None
-    return loaded, outcome
+    return loaded, outcome, inputs
 
 
 def _choices(options: dict[str, Any]) -> "Choices":

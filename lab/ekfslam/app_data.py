@@ -152,6 +152,9 @@ def load(kind: str, path: Path, choices: Choices) -> Loaded:
     if kind == "victoria-park":
         graph = victoria_park.read(path)
         reference = None if choices.reference is None else vertices.read(choices.reference)
+        if reference is not None:
+            for fault, count in reference.skipped.counts.items():
+                graph.skipped.add(f"{fault} in the reference", reference.skipped.first[fault], count)
         recording = drives.from_factors(graph, reference)
         return Loaded(kind, (recording,), graph.skipped, graph.sorted_lines, has_truth=False)
     if kind == "ntnu":
@@ -197,6 +200,8 @@ def run(loaded: Loaded, choices: Choices, *, started: float, on_step: Callable[[
                 runs.append(replay(recording, choices.filter, association=choices.association, on_step=progress))
         except np.linalg.LinAlgError:
             raise Breakdown(f"the filter {choices.filter} broke down after step {done} of {loaded.steps}") from None
+        except MemoryError:
+            raise Breakdown(f"the map does not fit into the memory after step {done} of {loaded.steps}") from None
         if not np.isfinite(runs[-1].poses).all():
             raise Breakdown(f"the filter {choices.filter} broke down: its estimate is no number")
     figures = score(list(zip(loaded.recordings, runs, strict=True)))
@@ -241,7 +246,11 @@ def words(outcome: Outcome, choices: Choices) -> list[str]:
         lines.append(f"The noise that the filter is told is {side} than that of the data: NIS should be near 1.")
     if choices.association != KNOWN:
         wrong, updates = sum(each.wrong for each in outcome.runs), sum(each.updates for each in outcome.runs)
-        lines.append(f"Association {choices.association}: {wrong} of {updates} corrections with another landmark's.")
+        named = any(name is not None for each in outcome.runs for name in each.identities.values())
+        told = (
+            f"{wrong} of {updates} corrections with another landmark's" if named else "no truth to say how often wrong"
+        )
+        lines.append(f"Association {choices.association}: {told}.")
     unused = sum(each.unused for each in outcome.runs)
     if unused:
         reason = "too far from what their name says" if choices.association == KNOWN else "neither known nor new"
