@@ -253,7 +253,9 @@ def words(outcome: Outcome, choices: Choices) -> list[str]:
         lines.append(f"Association {choices.association}: {told}.")
     unused = sum(each.unused for each in outcome.runs)
     if unused:
-        reason = "too far from what their name says" if choices.association == KNOWN else "neither known nor new"
+        reason = (
+            "nameless or too far from what their name says" if choices.association == KNOWN else "neither known nor new"
+        )
         lines.append(f"{unused} measurements were not used, being {reason}.")
     deleted = sum(each.deleted for each in outcome.runs)
     if deleted:
