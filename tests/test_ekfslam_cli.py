@@ -43,7 +43,9 @@ def run():
 @pytest.fixture
 def quick(monkeypatch):
     """Short drives, so that a command takes a second."""
-    monkeypatch.setattr(demo, "drive", lambda rng, *, sensor: short(rng, sensor))
+    monkeypatch.setattr(
+        demo, "drive", lambda rng, *, sensor, perturb: drive(rng, sensor=sensor, steps=STEPS, perturb=perturb)
+    )
 
 
 def test_the_command(here, quick):
@@ -79,6 +81,12 @@ def test_the_number_of_workers_changes_nothing():
     np.testing.assert_array_equal(alone.nees, found.runs[1].nees)
 
 
+def test_the_listings_worlds_have_one_truth(quick):
+    found = app.demo("ekf", runs=2, perturb="estimator")
+    np.testing.assert_array_equal(*(each.drive.truth for each in found.runs))
+    assert (found.runs[0].drive.u != found.runs[1].drive.u).any()
+
+
 def test_the_summary(here, quick):
     call("ekf-slam", "--runs", 2, "--out", "result")
     summary = json.loads((here / "result" / "summary.json").read_text())
@@ -104,6 +112,7 @@ def test_the_summary(here, quick):
         (("--filter", "ri", "--sensor", "bearing"), "ri is not implemented for landmarks by inverse depth; use ekf"),
         (("--filter", "fej", "--sensor", "range"), "fej is not implemented for rings of range-only landmarks; use ekf"),
         (("--sensor", "range", "--association", "jcbb"), "with range it must be known"),
+        (("--perturb", "nobody"), "--perturb must be truth or estimator, not 'nobody'"),
         (("--runs", "0"), "--runs must be at least 1, not 0"),
         (("--runs", "many"), "valid integer"),
         (("--seed", "-1"), "--seed must be at least 0, not -1"),

@@ -26,6 +26,9 @@ def ekf_slam(
     association: Annotated[
         str, typer.Option(metavar="NAME", help="Whose a measurement is: known, nearest or jcbb.")
     ] = "known",
+    perturb: Annotated[
+        str, typer.Option(metavar="WHO", help="Who feels the noise: truth, or estimator as in the guide's listing.")
+    ] = "truth",
     runs: Annotated[int, typer.Option(metavar="R", help="Worlds to run through.")] = 60,
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(metavar="J", help="Worker processes; -1 for one per processor.")] = 1,
@@ -55,12 +58,18 @@ def ekf_slam(
     from lab.ekfslam.slam import Settings
 
     settings = Settings(association=association)
-    _check(filter, sensor, settings, animate)
-    arguments = {"filter": filter, "sensor": sensor, "association": association, "runs": runs, "seed": seed}
+    _check(filter, sensor, settings, perturb, animate)
+    arguments: dict[str, str | int] = {
+        "filter": filter,
+        "sensor": sensor,
+        "association": association,
+        "perturb": perturb,
+    }
+    arguments |= {"runs": runs, "seed": seed}
     with ExitStack() as stack:
         folder = stack.enter_context(output.result_folder(out)) if out is not None else None
         picture = stack.enter_context(records.atomic_path(animate)) if animate is not None else None
-        found = _run(filter, sensor, settings, runs, seed, jobs)
+        found = _run(filter, sensor, settings, perturb, runs, seed, jobs)
         with output.deaf_reader():
             worlds = "one world" if runs == 1 else f"{runs} worlds"
             title = f"{found.label}: {worlds} of {len(found.runs[0].drive.u)} steps"
@@ -79,10 +88,11 @@ def ekf_slam(
             typer.echo(f"\nSummary and figures are in {out}.")
 
 
-def _check(filter: str, sensor: str, settings: "Settings", animate: Path | None) -> None:
+def _check(filter: str, sensor: str, settings: "Settings", perturb: str, animate: Path | None) -> None:
     """Refuse before any work what cannot be done."""
     from lab.ekfslam.demo import SENSORS
     from lab.ekfslam.filters import INVERSE_DEPTH, RINGS, make_filter
+    from lab.ekfslam.world import PERTURBED
 
     chosen = make_filter(filter)
     if sensor not in SENSORS:
@@ -93,6 +103,8 @@ def _check(filter: str, sensor: str, settings: "Settings", animate: Path | None)
             raise InputError(
                 f"Association {settings.association} is implemented for range-bearing; with {sensor} it must be known."
             )
+    if perturb not in PERTURBED:
+        raise InputError(f"--perturb must be {' or '.join(PERTURBED)}, not {perturb!r}.")
     if animate is not None:
         from lab.plots.slam import check_animation
 
@@ -110,7 +122,7 @@ def _animate(found: "Demo", path: Path) -> None:
         )
 
 
-def _run(filter: str, sensor: str, settings: "Settings", runs: int, seed: int, jobs: int) -> "Demo":
+def _run(filter: str, sensor: str, settings: "Settings", perturb: str, runs: int, seed: int, jobs: int) -> "Demo":
     """Run behind a progress bar; a worker that dies takes the demo with it."""
     from concurrent.futures.process import BrokenProcessPool
 
@@ -124,6 +136,7 @@ def _run(filter: str, sensor: str, settings: "Settings", runs: int, seed: int, j
                 filter,
                 sensor=sensor,
                 settings=settings,
+                perturb=perturb,
                 runs=runs,
                 seed=seed,
                 jobs=jobs,

@@ -108,6 +108,7 @@ def run(
     seed: int = 0,
     sensor: str = "range-bearing",
     settings: Settings | None = None,
+    perturb: str = "truth",
     world: Callable[[np.random.Generator, Sensor], Drive] | None = None,
     frames: bool = False,
 ) -> Run:
@@ -122,6 +123,8 @@ def run(
     sensor : str
         "range-bearing", "bearing" or "range".
     settings : Settings, optional
+    perturb : str
+        Who feels the noise of the controls: "truth", or "estimator" as in the guide's listing.
     world : function of a generator and a sensor, optional
         Another world than the demo's.
     frames : bool
@@ -135,7 +138,7 @@ def run(
     if sensor not in SENSORS:
         raise InputError(f"Unknown sensor {sensor!r}; known are {', '.join(SENSORS)}.")
     rng, chooser = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    route = drive(rng, sensor=SENSORS[sensor]) if world is None else world(rng, SENSORS[sensor])
+    route = drive(rng, sensor=SENSORS[sensor], perturb=perturb) if world is None else world(rng, SENSORS[sensor])
     return follow(filter, route, chooser, settings, frames=frames)
 
 

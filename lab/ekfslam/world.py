@@ -23,6 +23,7 @@ START = (0.0, -2.0, 0.0)
 STEPS = 200
 CONTROL = (0.1, 0.05)
 CONTROL_NOISE = (0.01, 0.02)
+PERTURBED = ("truth", "estimator")
 
 
 def cloister(xmin: float = -4, xmax: float = 4, ymin: float = -4, ymax: float = 4, n: int = 9) -> Array:
@@ -115,8 +116,8 @@ def drive(
     """
     require_generator(rng)
     whole_number("steps", steps, at_least=1)
-    if perturb not in ("truth", "estimator"):
-        raise InputError(f"perturb must be truth or estimator, not {perturb!r}.")
+    if perturb not in PERTURBED:
+        raise InputError(f"perturb must be {' or '.join(PERTURBED)}, not {perturb!r}.")
     W = cloister(n=7) if W is None else W
     sensor = Sensor() if sensor is None else sensor
     u = np.tile(np.array(control, dtype=float), (steps, 1))
