@@ -213,6 +213,7 @@ def test_config_repeats_the_command(here, paths, no_figures):
         (("--data", "ntnu", "s.mat", "--motion-noise", "1,0,1"), ["--motion-noise takes 3 positive numbers"]),
         (("--data", "ntnu", "s.mat", "--robots", "1"), ["--robots belongs to --data mrclam"]),
         (("--data", "ntnu", "s.mat", "--runs", "3"), ["--runs belongs to the cloister"]),
+        (("--data", "ntnu", "s.mat", "--perturb", "truth"), ["--perturb belongs to the cloister"]),
         (("--data", "mrclam", "set", "--association", "nearest"), ["--association", "mrclam names what it saw"]),
         (("--data", "mrclam", "set", "--robots", "1,x"), ["--robots takes numbers"]),
         (("--data", "mrclam", "set", "--robots", "1,7"), ["no robot 7: there are 1, 2"]),

@@ -59,7 +59,7 @@ Reference = Annotated[
     ),
 ]
 
-DEMO_ONLY = ("sensor", "runs", "seed", "jobs", "animate")
+SHARED = ("data", "filter", "association", "out")  # with the cloister, whose other options have no use here
 BELONGS = {
     "robots": MRCLAM,
     "separate": MRCLAM,
@@ -85,7 +85,7 @@ def check_options(context: typer.Context, data: tuple[str, str] | None) -> None:
         flag = f"--{name.replace('_', '-')}"
         if name in BELONGS and (data is None or data[0] != BELONGS[name]):
             raise InputError(f"{flag} belongs to --data {BELONGS[name]} PATH.")
-        if data is not None and name in DEMO_ONLY:
+        if data is not None and name not in (*SHARED, *BELONGS):
             raise InputError(f"{flag} belongs to the cloister and has no use with --data.")
         if data is not None and name == "association" and data[0] != NTNU:
             raise InputError(
