@@ -269,6 +269,7 @@ def test_what_is_near_no_true_landmark_has_no_name():
     seen = seen_from(pose, landmarks[:2])[::-1] + np.array([[0.05, -0.01], [0.02, 0.02]])
     names = drives.true_names(pose, landmarks, np.vstack([[[9.0, 1.0]], seen]), np.array([0.05, 0.02]))
     assert names == (None, 1, 0)
+    assert drives.true_names(pose, landmarks, np.array([[9.0, 1.0]]), np.array([0.05, 0.02])) == (None,)
     assert drives.true_names(pose, landmarks, np.zeros((0, 2)), np.ones(2)) == ()
 
 
