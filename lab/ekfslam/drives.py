@@ -4,7 +4,7 @@ Question answered: which control, which measurement and which noise does each li
 gives ranges and bearings without names; the true poses and landmarks tell which landmark each is, by assignment.  A
 factor file gives places in the robot's frame, each with its covariance, or ranges and bearings, and they are taken as
 they are: turned into each other the noise would not be the file's.
-Called by lab.ekfslam.app.
+Called by lab.ekfslam.app_data.
 """
 
 from collections.abc import Hashable

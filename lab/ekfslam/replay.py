@@ -5,7 +5,7 @@ known is corrected; what is new is initialised.  The measurements of one instant
 the order of a file's lines does not matter: taken one by one, it changes the error of `ekf` by a third.  Which
 landmark a measurement belongs to is told by its name (known association) or found by `association`, which sees the map
 and never the names; these then only count how often it was wrong.
-Called by lab.ekfslam.app; the truth enters the errors that are noted, and nothing else.
+Called by lab.ekfslam.app_data; the truth enters the errors that are noted, and nothing else.
 Source: J. Solà (2014), section 1.3.
 """
 
