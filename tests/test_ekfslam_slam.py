@@ -120,6 +120,18 @@ def test_joint_compatibility_where_the_nearest_is_wrong():
     assert [t.name if t else None for t in alone.targets] == [None, 0, 1, 2, 4]
 
 
+def test_among_matchings_of_the_same_size_the_closest_is_taken():
+    """The first measurement is nearest to a, which the second needs more."""
+    m = Map()
+    robot = m.add_robot(np.zeros(3))
+    for name, bearing in (("a", 0.0), ("b", 0.01)):
+        m.initialise(robot, SENSOR, np.array([4.0, bearing]), name, R=1e-8 * np.eye(2))
+    ys = [np.array([4.0, 0.004]), np.array([4.0, -0.02])]
+    for match in (jcbb, nearest):
+        assert [t.name for t in match(m, robot, SENSOR, ys).targets] == ["b", "a"]
+    assert brute_force(m, robot, SENSOR, ys) == {0: 1, 1: 0}
+
+
 def test_nearest_gives_each_landmark_once_and_says_what_is_new():
     m, robot, places, sensor = grid(0.01)
     ys = [measured(np.zeros(3), places[0]), measured(np.zeros(3), places[0]) + 1e-4, np.array([9.0, 3.0])]
