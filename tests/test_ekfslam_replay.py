@@ -256,6 +256,26 @@ def test_a_landmark_begun_with_a_misread_name_is_given_up(folder):
     assert np.linalg.norm(run.landmarks[3] - recording.landmarks[3]) < 0.3
 
 
+def test_a_landmark_refused_twice_at_once_is_given_up_once(simulation):
+    _, recording = simulation
+    name = recording.steps[0].names[0]
+    steps = []
+    for k, step in enumerate(recording.steps):
+        rows = [i for i, other in enumerate(step.names) if other == name] * (2 if k else 1)
+        steps.append(replace(step, ys=step.ys[rows] + (k == 0), Rs=step.Rs[rows], names=(name,) * len(rows)))
+    run = replay(replace(recording, steps=tuple(steps), gate=25.0))
+    assert run.deleted == 1
+
+
+def test_robots_are_noted_once_a_second(folder):
+    """At sightings alone the estimate would look better than it is."""
+    data = mrclam.read(folder)
+    run = replay(fleet.together(data))
+    for robot, log in data.robots.items():
+        assert (run.robots == robot).sum() == len(np.arange(1, log.commands[-1, 0]))
+    assert np.isfinite(run.truth).all()
+
+
 # simulations and factor files
 
 
