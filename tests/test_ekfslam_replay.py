@@ -261,7 +261,7 @@ def test_a_landmark_refused_twice_at_once_is_given_up_once(simulation):
     name = recording.steps[0].names[0]
     steps = []
     for k, step in enumerate(recording.steps):
-        rows = [i for i, other in enumerate(step.names) if other == name] * (2 if k else 1)
+        rows = [i for i, other in enumerate(step.names) if other == name] * (4 if k else 1)
         steps.append(replace(step, ys=step.ys[rows] + (k == 0), Rs=step.Rs[rows], names=(name,) * len(rows)))
     run = replay(replace(recording, steps=tuple(steps), gate=25.0))
     assert run.deleted == 1
@@ -346,6 +346,8 @@ def test_an_unknown_association(simulation):
 @pytest.mark.parametrize("filter", ["ekf", "fej", "ri"])
 def test_the_order_within_an_instant_does_not_matter(simulation, filter):
     _, recording = simulation
+    steps = [replace(s, Rs=s.Rs * (1 + np.array(s.names).reshape(-1, 1, 1))) for s in recording.steps]
+    recording = replace(recording, steps=tuple(steps))  # each measurement with a noise of its own
     turned = replace(
         recording, steps=tuple(replace(s, ys=s.ys[::-1], Rs=s.Rs[::-1], names=s.names[::-1]) for s in recording.steps)
     )
