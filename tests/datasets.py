@@ -53,12 +53,14 @@ def drive(steps=60, n_landmarks=8, seed=0, reach=6.0):
     rng = np.random.default_rng(seed)
     angles = np.linspace(0, 2 * np.pi, n_landmarks, endpoint=False)
     landmarks = np.column_stack([5 * np.cos(angles), 3 + 5 * np.sin(angles)]) + rng.normal(0, 0.3, (n_landmarks, 2))
-    step = np.array([0.3, 0.0, 0.1])
+    k = np.arange(steps)  # no two motions are the same: one mistaken for the next shows
+    motions = np.column_stack([0.3 + 0.1 * np.sin(k / 3), 0.03 * np.cos(k), 0.1 + 0.08 * np.cos(k / 2)])
     poses = [np.zeros(3)]
-    for _ in range(steps):
+    for dx, dy, turn in motions:
         x, y, a = poses[-1]
-        poses.append(np.array([x + step[0] * np.cos(a), y + step[0] * np.sin(a), wrap(a + step[2])]))
-    odometry = step + MOTION_NOISE * rng.normal(size=(steps, 3))
+        c, s = np.cos(a), np.sin(a)
+        poses.append(np.array([x + c * dx - s * dy, y + s * dx + c * dy, wrap(a + turn)]))
+    odometry = motions + MOTION_NOISE * rng.normal(size=(steps, 3))
     sightings, names = [], []
     for pose in poses[:-1]:
         exact = seen_from(pose, landmarks)

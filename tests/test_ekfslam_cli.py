@@ -143,10 +143,10 @@ def test_words_without_a_whole_map(quick):
 
 
 def test_numbers_that_are_not_there_are_null():
-    assert app._plain(float("nan")) is None
-    assert app._plain(36.0) == 36
-    assert isinstance(app._plain(36.0), int)
-    assert app._plain(0.5) == 0.5
+    assert app.plain(float("nan")) is None
+    assert app.plain(36.0) == 36
+    assert isinstance(app.plain(36.0), int)
+    assert app.plain(0.5) == 0.5
 
 
 @pytest.mark.parametrize("ending", ["gif"])

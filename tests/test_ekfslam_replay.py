@@ -198,6 +198,14 @@ def test_truth_is_interpolated_and_no_further():
     assert fleet.true_pose(replace(log, truth=None), 0.0) is None
 
 
+def test_a_robot_that_starts_in_a_gap_of_its_truth(folder):
+    data = mrclam.read(folder)
+    log = data.robots[2]
+    late = replace(log, truth=log.truth[(log.truth[:, 0] < 0.01) | (log.truth[:, 0] > 3.0)])
+    recording = fleet.together(replace(data, robots={**data.robots, 2: late}), fleet.Options(delay=1.0))
+    np.testing.assert_allclose(recording.starts[2], log.truth[0, 1:])
+
+
 def test_without_truth_one_robot_starts_at_the_origin(folder):
     (folder / "Robot2_Groundtruth.dat").unlink()
     with pytest.raises(InputError, match="Robot 2 has no ground truth"):
@@ -248,6 +256,26 @@ def test_a_landmark_begun_with_a_misread_name_is_given_up(folder):
     assert np.linalg.norm(run.landmarks[3] - recording.landmarks[3]) < 0.3
 
 
+def test_a_landmark_refused_twice_at_once_is_given_up_once(simulation):
+    _, recording = simulation
+    name = recording.steps[0].names[0]
+    steps = []
+    for k, step in enumerate(recording.steps):
+        rows = [i for i, other in enumerate(step.names) if other == name] * (4 if k else 1)
+        steps.append(replace(step, ys=step.ys[rows] + (k == 0), Rs=step.Rs[rows], names=(name,) * len(rows)))
+    run = replay(replace(recording, steps=tuple(steps), gate=25.0))
+    assert run.deleted == 1
+
+
+def test_robots_are_noted_once_a_second(folder):
+    """At sightings alone the estimate would look better than it is."""
+    data = mrclam.read(folder)
+    run = replay(fleet.together(data))
+    for robot, log in data.robots.items():
+        assert (run.robots == robot).sum() == len(np.arange(1, log.commands[-1, 0]))
+    assert np.isfinite(run.truth).all()
+
+
 # simulations and factor files
 
 
@@ -261,6 +289,7 @@ def test_what_is_near_no_true_landmark_has_no_name():
     seen = seen_from(pose, landmarks[:2])[::-1] + np.array([[0.05, -0.01], [0.02, 0.02]])
     names = drives.true_names(pose, landmarks, np.vstack([[[9.0, 1.0]], seen]), np.array([0.05, 0.02]))
     assert names == (None, 1, 0)
+    assert drives.true_names(pose, landmarks, np.array([[9.0, 1.0]]), np.array([0.05, 0.02])) == (None,)
     assert drives.true_names(pose, landmarks, np.zeros((0, 2)), np.ones(2)) == ()
 
 
@@ -317,6 +346,8 @@ def test_an_unknown_association(simulation):
 @pytest.mark.parametrize("filter", ["ekf", "fej", "ri"])
 def test_the_order_within_an_instant_does_not_matter(simulation, filter):
     _, recording = simulation
+    steps = [replace(s, Rs=s.Rs * (1 + np.array(s.names).reshape(-1, 1, 1))) for s in recording.steps]
+    recording = replace(recording, steps=tuple(steps))  # each measurement with a noise of its own
     turned = replace(
         recording, steps=tuple(replace(s, ys=s.ys[::-1], Rs=s.Rs[::-1], names=s.names[::-1]) for s in recording.steps)
     )
@@ -341,7 +372,9 @@ def test_a_factor_file_against_its_batch_optimum(tmp_path, filter, style):
     """The world is nearly linear, so that the filter's final map nearly is the optimum's."""
     graph = victoria_park.read(write_graph(tmp_path / "g.txt", drive(seed=5), style))
     best = batch.optimum_by_parts(graph)
-    run = replay(drives.from_factors(graph), filter)
+    recording = drives.from_factors(graph)
+    assert recording.sensor == ("range-bearing" if style == "toro" else "position")
+    run = replay(recording, filter)
     assert [*run.landmarks] == graph.landmark_ids.tolist()
     apart = np.array([*run.landmarks.values()]) - best.landmarks
     deviations = np.sqrt([np.trace(cov) for cov in run.covs.values()])
@@ -421,7 +454,9 @@ def test_the_simulation_at_hand(filter, error, nees):
     assert run.updates == 9797 - 78
 
 
-@pytest.mark.parametrize("filter", ["ekf", "fej", "ri"])
+@pytest.mark.parametrize(
+    "filter", ["ekf", pytest.param("fej", marks=pytest.mark.long), pytest.param("ri", marks=pytest.mark.long)]
+)
 @needs(NTNU)
 def test_the_simulation_at_hand_without_names(filter):
     run = replay(drives.from_simulation(ntnu.read(NTNU)), filter, association="nearest")

@@ -98,6 +98,15 @@ def test_bad_lines_of_mrclam_are_counted(tmp_path):
     np.testing.assert_array_equal(data.landmarks[3], clean.landmarks[3])
 
 
+@pytest.mark.parametrize("number", ["nan", "-inf", "1e300"])
+def test_a_line_whose_only_fault_is_a_number(tmp_path, number):
+    folder = write_mrclam(tmp_path / "set", seconds=2)
+    edit(folder / "Robot1_Odometry.dat", replaced(3, f"1248446188.6 0.3 {number}"))
+    data = mrclam.read(folder)
+    assert data.skipped.counts == {"malformed": 1}
+    assert len(data.robots[1].commands) == 39
+
+
 def test_stamps_that_stand_still_or_run_backwards(tmp_path):
     folder = write_mrclam(tmp_path / "set")
     clean = mrclam.read(folder)
@@ -214,6 +223,10 @@ def test_a_factor_file(tmp_path, style):
     first = {}
     for name in np.concatenate(world.names).tolist():
         first.setdefault(name, len(first))
+    assert (graph.polar is None) == (style != "toro")
+    if graph.polar is not None:
+        np.testing.assert_allclose(graph.polar, ranges_bearings)
+        np.testing.assert_allclose(graph.polar_covs, np.broadcast_to(np.diag([0.05**2, 0.02**2]), (n_seen, 2, 2)))
     assert graph.landmarks_of.tolist() == [first[name] for name in np.concatenate(world.names).tolist()]
     assert graph.skipped.total == graph.sorted_lines == 0
 
@@ -235,6 +248,7 @@ def test_the_covariance_of_every_tag(tmp_path):
     np.testing.assert_allclose(graph.sighting_covs[4], np.diag([0.25, 0.04]), atol=1e-15)
     np.testing.assert_allclose(graph.sightings[3:], [[5, 0], [0, 5]], atol=1e-12)
     assert graph.landmark_ids.tolist() == [0]  # the number of a pose, too
+    assert graph.polar is None  # some are places
 
 
 def test_lines_in_any_order_and_edges_backwards(tmp_path):
@@ -282,6 +296,7 @@ def test_bad_lines_of_factors_are_counted(tmp_path):
         "EDGE_SE3:QUAT 0 1 2",
         f"ODOMETRY {clean.pose_ids[0]} {clean.pose_ids[5]} 1 0 0 1 0 0 1 0 1",
         f"ODOMETRY {clean.pose_ids[0]} {clean.pose_ids[1]} 9 0 0 1 0 0 1 0 1",
+        f"ODOMETRY {clean.pose_ids[2]} {clean.pose_ids[1]} 9 0 0 1 0 0 1 0 1",
     ]
     file.write_text("\r\n".join([*file.read_text().splitlines(), *more]))
     graph = victoria_park.read(file)
@@ -289,7 +304,7 @@ def test_bad_lines_of_factors_are_counted(tmp_path):
         "malformed": 5,
         "edge of a pose to itself": 1,
         "unknown tag EDGE_SE3:QUAT": 1,
-        "repeated edge": 1,
+        "repeated edge": 2,
         victoria_park.CLOSURE: 1,
         "sighting from an unknown pose": 1,
     }
@@ -310,7 +325,11 @@ def test_bad_lines_of_factors_are_counted(tmp_path):
             "LANDMARK 0 9 1 1 1 0 1\n",
             ["from pose 1 to pose 2", "malformed", "g.txt:2"],
         ),
-        ("\x00\x01\x02garbage", ["no motion"]),
+        ("\x00\x01\x02garbage", ["g.txt is no text file"]),
+        (
+            "".join(f"{chr(300 + i)} 1\nTAG{i} 2\n" for i in range(9)),
+            ["no motion", "9 malformed (first: g.txt:1)", "..."],
+        ),
     ],
 )
 def test_factor_files_that_cannot_be_used(tmp_path, text, words):
@@ -319,6 +338,13 @@ def test_factor_files_that_cannot_be_used(tmp_path, text, words):
         victoria_park.read(tmp_path / "g.txt")
     for word in words:
         assert word in str(caught.value)
+
+
+def test_what_a_crash_leaves_at_the_end_is_a_bad_line(tmp_path):
+    file = write_graph(tmp_path / "g.txt", drive(steps=30))
+    with file.open("a") as handle:
+        handle.write("LANDMARK 0 1 2" + "\0" * 50 + "\n")
+    assert victoria_park.read(file).skipped.counts == {"malformed": 1}
 
 
 def test_factor_files_that_are_not_there(tmp_path):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lab.cli import ekf_slam_data as recorded
 from lab.cli.options import OutputFolder, Seed, a_path
 from lab.validation import InputError
 
@@ -19,6 +20,7 @@ FilterName = Annotated[
 
 
 def ekf_slam(
+    context: typer.Context,
     filter: FilterName = "ekf",
     sensor: Annotated[str, typer.Option(metavar="NAME", help="range-bearing, bearing or range.")] = "range-bearing",
     association: Annotated[
@@ -35,8 +37,21 @@ def ekf_slam(
         typer.Option(metavar="FILE", parser=a_path, help="Write the first run's live map: .gif, or .mp4 with ffmpeg."),
     ] = None,
     out: OutputFolder = None,
+    data: recorded.Data = None,
+    robots: recorded.Robots = None,
+    separate: recorded.Separate = False,
+    robot_sightings: recorded.RobotSightings = True,
+    command_delay: recorded.CommandDelay = 0.0,
+    rotation_scale: recorded.RotationScale = 1.0,
+    motion_noise: recorded.MotionNoise = None,
+    sensor_noise: recorded.SensorNoise = None,
+    reference: recorded.Reference = None,
 ) -> None:
-    """Map a cloister with an extended Kalman filter, and say whether it is as sure as it should be."""
+    """Map a cloister or recorded data with an extended Kalman filter, and say whether it is as sure as it should be."""
+    recorded.check_options(context, data)
+    if data is not None:
+        recorded.replay_data(context.params)
+        return
     from lab import records
     from lab.cli import output, tables
     from lab.ekfslam import app

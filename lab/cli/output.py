@@ -125,19 +125,16 @@ def describe(command: str, arguments: dict[str, Any], inputs: dict[str, dict[str
     command : str
         Such as "compare".
     arguments : dict
-        Every option by its long name; None for one that was not given.
+        Every option by its long name; None for one that was not given, True for a switch, a tuple for several words.
     inputs : dict
         What `fingerprints` returned.
     """
     given = {name: value for name, value in arguments.items() if value is not None and value is not False}
-    words = [
-        str(value) if name == "solver" else f"--{name}" if value is True else f"--{name}={value}"
-        for name, value in given.items()
-    ]
+    words = [word for name, value in given.items() for word in _typed(name, value)]
     return {
         "repeat": shlex.join([PROGRAM, command, *words]),
         "command": command,
-        "arguments": {name: value if isinstance(value, int | float) else str(value) for name, value in given.items()},
+        "arguments": {name: _recorded(value) for name, value in given.items()},
         "inputs": inputs,
         "versions": {"toy-slam-lab": lab.__version__, "python": platform.python_version()}
         | {name: version(name) for name in PACKAGES},
@@ -149,6 +146,22 @@ def write_config(folder: Path, config: dict[str, Any]) -> None:
     """Write config.json: what `describe` returned, and the names of the result's other files, which are there."""
     files = sorted([CONFIG, *(file.name for file in folder.iterdir())])
     (folder / CONFIG).write_text(json.dumps(config | {"files": files}, indent=2) + "\n", encoding="utf-8")
+
+
+def _recorded(value: Any) -> Any:
+    """Return what JSON keeps of an argument."""
+    if isinstance(value, tuple):
+        return [str(word) for word in value]
+    return value if isinstance(value, int | float) else str(value)
+
+
+def _typed(name: str, value: Any) -> list[str]:
+    """Return the words with which an argument is given."""
+    if name == "solver":
+        return [str(value)]
+    if value is True:
+        return [f"--{name}"]
+    return [f"--{name}", *map(str, value)] if isinstance(value, tuple) else [f"--{name}={value}"]
 
 
 @contextmanager

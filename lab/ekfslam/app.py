@@ -83,7 +83,7 @@ class Demo:
             "skipped_lines": 0,
             "seconds": self.seconds,
         }
-        return {key: _plain(values[key]) for key in KEYS}
+        return {key: plain(values[key]) for key in KEYS}
 
 
 def demo(
@@ -274,7 +274,7 @@ def _with_error(values: Array) -> str:
     return mean if len(values) == 1 else f"{mean} ({np.std(values, ddof=1) / np.sqrt(len(values)):.4f})"
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Return a number as JSON knows it: whole where it is, null where there is none."""
     if isinstance(value, float):
         if not np.isfinite(value):

@@ -2,9 +2,9 @@
 
 Question answered: which control, which measurement and which noise does each line of the data stand for?  A simulation
 gives ranges and bearings without names; the true poses and landmarks tell which landmark each is, by assignment.  A
-factor file gives places in the robot's frame, each with its covariance, and they are taken as such: turned into range
-and bearing the noise would not be the file's.
-Called by lab.ekfslam.app.
+factor file gives places in the robot's frame, each with its covariance, or ranges and bearings, and they are taken as
+they are: turned into each other the noise would not be the file's.
+Called by lab.ekfslam.app_data.
 """
 
 from collections.abc import Hashable
@@ -14,7 +14,9 @@ from scipy.optimize import linear_sum_assignment
 
 from lab.ekfslam.frames import polar, to_frame, wrap
 from lab.ekfslam.recording import Motion, Recording, Step
+from lab.records.lines import Skipped
 from lab.records.ntnu import NtnuLog
+from lab.records.vertices import Values
 from lab.records.victoria_park import FactorGraph
 from lab.validation import Array
 
@@ -75,13 +77,31 @@ def true_names(pose: Array, landmarks: Array, seen: Array, deviations: Array) ->
     return tuple(names)
 
 
-def from_factors(graph: FactorGraph) -> Recording:
-    """Return a factor file as a recording that starts at the origin; landmarks carry the file's numbers."""
+def from_factors(graph: FactorGraph, reference: Values | None = None) -> Recording:
+    """Return a factor file as a recording; landmarks carry the file's numbers.
+
+    Parameters
+    ----------
+    graph : FactorGraph
+    reference : Values, optional
+        What stands in for the truth, by the file's numbers.
+
+    Returns
+    -------
+    Recording
+        It starts where the reference does, at the origin without one.
+    """
+    known = Values({}, {}, Skipped()) if reference is None else reference
     names = graph.landmark_ids[graph.landmarks_of].tolist()
+    ys, Rs = graph.sightings, graph.sighting_covs
+    sensor = "position"
+    if graph.polar is not None and graph.polar_covs is not None:
+        ys, Rs, sensor = graph.polar, graph.polar_covs, "range-bearing"
     at = np.searchsorted(graph.poses_of, np.arange(len(graph.pose_ids) + 1))
     steps = []
-    for k in range(len(graph.pose_ids)):
+    for k, pose in enumerate(graph.pose_ids.tolist()):
         motions = (Motion("robot", graph.odometry[k - 1], graph.odometry_covs[k - 1]),) if k else ()
         part = slice(at[k], at[k + 1])
-        steps.append(Step("robot", motions, graph.sightings[part], graph.sighting_covs[part], tuple(names[part])))
-    return Recording({"robot": np.zeros(3)}, tuple(steps), {}, "position")
+        steps.append(Step("robot", motions, ys[part], Rs[part], tuple(names[part]), known.poses.get(pose)))
+    start = known.poses.get(int(graph.pose_ids[0]), np.zeros(3))
+    return Recording({"robot": start}, tuple(steps), dict(known.landmarks.items()), sensor)

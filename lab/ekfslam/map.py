@@ -14,7 +14,6 @@ Source: J. Solà (2014), sections 1.3 and 2.
 from collections.abc import Hashable, Sequence
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from lab.ekfslam import inverse_depth
 from lab.ekfslam.entities import Landmark, Observation, Robot
@@ -147,7 +146,11 @@ class Map(Roster):
         else:
             rows, H = stacked(observations)
             z = np.concatenate([o.z for o in observations])
-            Z = H @ self.joint.block(rows) @ H.T + block_diag(*(o.R for o in observations))
+            Z = H @ self.joint.block(rows) @ H.T
+            at = 0
+            for o in observations:
+                Z[at : at + o.dof, at : at + o.dof] += o.R
+                at += o.dof
             nis = float(z @ np.linalg.solve(Z, z))
         self.filter.inject(self, self.joint.correct(rows, H, z, Z))
         if self._rays:

@@ -5,7 +5,7 @@ known is corrected; what is new is initialised.  The measurements of one instant
 the order of a file's lines does not matter: taken one by one, it changes the error of `ekf` by a third.  Which
 landmark a measurement belongs to is told by its name (known association) or found by `association`, which sees the map
 and never the names; these then only count how often it was wrong.
-Called by lab.ekfslam.app; the truth enters the errors that are noted, and nothing else.
+Called by lab.ekfslam.app_data; the truth enters the errors that are noted, and nothing else.
 Source: J. Solà (2014), section 1.3.
 """
 
@@ -41,7 +41,7 @@ class Replayed:
     nees : (N,) array
         Of the poses; NaN where there is no truth or no uncertainty yet.
     nis, dof : (N,) array
-        Normalised innovations squared of the corrections since the noted step before, summed, and their dimension.
+        Normalised innovations squared of what the robot has seen since it was noted last, summed, and their dimension.
     landmarks : dict of hashable to (2,) array
         Final estimates [m], by name or, where association had to be found, by number.
     covs : dict of hashable to (2, 2) array
@@ -133,15 +133,9 @@ class _Run:
         self.noted: list[tuple[Hashable, Array, Array, float, float, int]] = []
         self.identities: dict[Hashable, Hashable] = {}
         self.corrupted: list[Landmark] = []
-        self.nis, self.dof, self.updates, self.wrong, self.unused, self.initialised, self.deleted = (
-            0.0,
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
-        )
+        self.nis = dict.fromkeys(self.robots, 0.0)  # of each robot, since it was noted last
+        self.dof = dict.fromkeys(self.robots, 0)
+        self.updates = self.wrong = self.unused = self.initialised = self.deleted = 0
 
     def take(self, step: Step) -> None:
         """Go through one step."""
@@ -167,8 +161,8 @@ class _Run:
                     passed.append(observation)
                     landmark = isinstance(observation.target, Landmark)
                     self.wrong += landmark and self.identities[observation.target.name] != step.names[i]
-        self.nis += self.map.correct(*passed)
-        self.dof += sum(observation.dof for observation in passed)
+        self.nis[robot.name] += self.map.correct(*passed)
+        self.dof[robot.name] += sum(observation.dof for observation in passed)
         self.updates += len(passed)
         for i in new:
             name = step.names[i] if self.association == KNOWN else self.initialised
@@ -196,6 +190,8 @@ class _Run:
 
         Without the deletion, a landmark that was begun with a misread name would refuse its own measurements for ever.
         """
+        if np.isinf(self.recording.gate):
+            return True
         passes = observation.nis <= self.recording.gate
         landmark = observation.target
         if isinstance(landmark, Landmark):
@@ -213,11 +209,12 @@ class _Run:
         return self.robots.get(name) or self.map.landmarks.get(name)
 
     def _note(self, robot: Robot, step: Step) -> None:
-        pose, _ = self.map.pose(robot)
+        pose = self.map.x[robot.rows]
         truth = np.full(3, np.nan) if step.truth is None else step.truth
         nees = np.nan if step.truth is None else self.map.nees(robot, step.truth)
-        self.noted.append((robot.name, pose, truth, nees if np.isfinite(nees) else np.nan, self.nis, self.dof))
-        self.nis, self.dof = 0.0, 0
+        nees = nees if np.isfinite(nees) else np.nan  # no uncertainty yet
+        self.noted.append((robot.name, pose, truth, nees, self.nis[robot.name], self.dof[robot.name]))
+        self.nis[robot.name], self.dof[robot.name] = 0.0, 0
 
     def result(self) -> Replayed:
         """Return what has been noted, and the final map."""

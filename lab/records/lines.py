@@ -19,6 +19,7 @@ from lab.validation import Array, InputError
 
 MALFORMED = "malformed"
 COMMENTS = ("#", "%")
+SAMPLE = 1000  # bytes by which a text is told from something else; later, a log may hold what a crash left
 LARGEST = 1e15  # beyond it neither a metre nor a second nor a number of a pose is meant
 
 
@@ -58,11 +59,14 @@ def content(path: Path) -> Iterator[tuple[int, str]]:
     Raises
     ------
     InputError
-        The file is missing, cannot be read, or is cut short or damaged where it is compressed.
+        The file is missing, cannot be read, is no text, or is cut short or damaged where it is compressed.
     """
     with readable(path):
         raw = path.read_bytes()
-        text = (gzip.decompress(raw) if path.suffix == ".gz" else raw).decode("utf-8-sig", errors="replace")
+        raw = gzip.decompress(raw) if path.suffix == ".gz" else raw
+    if b"\0" in raw[:SAMPLE]:
+        raise InputError(f"{path} is no text file.")
+    text = raw.decode("utf-8-sig", errors="replace")
     for number, line in enumerate(text.splitlines(), start=1):
         stripped = line.strip()
         if stripped and not stripped.startswith(COMMENTS):

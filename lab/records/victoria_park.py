@@ -16,6 +16,7 @@ keeps only the newest pose cannot use: it is counted and left out.  Called by la
 Source: GTSAM, gtsam/slam/dataset.cpp; G. Grisetti et al., g2o, file format.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -27,7 +28,9 @@ from numpy.typing import NDArray
 from lab.records.lines import MALFORMED, Skipped, content, numbers
 from lab.validation import Array, InputError
 
+TAG = re.compile(r"[A-Z][A-Z0-9_:]{1,30}")
 PASSED_OVER = ("VERTEX", "FIX", "PARAMS")
+MOST_KINDS = 4  # of lines left out that an error names
 CLOSURE = "edge between poses that do not follow each other"
 
 
@@ -53,6 +56,10 @@ class FactorGraph:
         Where it was seen in the robot's frame, x forward and y to the left [m].
     sighting_covs : (S, 2, 2) array
         Its covariance [m^2].
+    polar : (S, 2) array or None
+        Ranges [m] and bearings [rad], where the file gives nothing else (BR).
+    polar_covs : (S, 2, 2) array or None
+        Their covariances.
     skipped : Skipped
         Lines left out.
     sorted_lines : int
@@ -67,11 +74,14 @@ class FactorGraph:
     landmarks_of: NDArray[np.int64]
     sightings: Array
     sighting_covs: Array
+    polar: Array | None
+    polar_covs: Array | None
     skipped: Skipped
     sorted_lines: int
 
 
 Edge = tuple[Array, Array]  # mean and covariance
+Seen = tuple[int, int, Edge, Edge | None, str]  # pose, landmark, place, the same as range and bearing, file:line
 
 
 def read(path: str | Path) -> FactorGraph:
@@ -88,14 +98,14 @@ def read(path: str | Path) -> FactorGraph:
     path = Path(path)
     skipped = Skipped()
     edges: dict[tuple[int, int], tuple[Edge, str]] = {}
-    seen: list[tuple[int, int, Edge, str]] = []
+    seen: list[Seen] = []
     for line, text in content(path):
         tag, *rest = text.split()
         where = f"{path.name}:{line}"
         if tag.startswith(PASSED_OVER):
             continue
         if tag not in LINES:
-            skipped.add(f"unknown tag {tag[:20]}", where)
+            skipped.add(f"unknown tag {tag}" if TAG.fullmatch(tag) else MALFORMED, where)
             continue
         length, parse = LINES[tag]
         values = numbers(rest, length)
@@ -110,14 +120,14 @@ def read(path: str | Path) -> FactorGraph:
             else:
                 edges[i, j] = factor, where
         else:
-            seen.append((i, j, factor, where))
+            seen.append((i, j, factor, _polar(values[2:]) if tag == POLAR else None, where))
     return _assembled(path, edges, seen, skipped)
 
 
 def _assembled(
     path: Path,
     edges: dict[tuple[int, int], tuple[Edge, str]],
-    seen: list[tuple[int, int, Edge, str]],
+    seen: list[Seen],
     skipped: Skipped,
 ) -> FactorGraph:
     """Put the factors in the order of time."""
@@ -141,29 +151,34 @@ def _assembled(
     known = [entry for entry in seen if entry[0] in row_of]
     for entry in seen:
         if entry[0] not in row_of:
-            skipped.add("sighting from an unknown pose", entry[3])
+            skipped.add("sighting from an unknown pose", entry[-1])
     if not known:
         raise InputError(f"{path} has no sighting from a pose of its own{_because(skipped)}.")
     n_sorted = sum(later[0] < earlier[0] for earlier, later in pairwise(known))
     known.sort(key=lambda entry: entry[0])
-    landmark_ids = list(dict.fromkeys(landmark for _, landmark, _, _ in known))
+    landmark_ids = list(dict.fromkeys(entry[1] for entry in known))
+    polar = [entry[3] for entry in known if entry[3] is not None]
+    whole = len(polar) == len(known)
     column_of = {landmark: column for column, landmark in enumerate(landmark_ids)}
     return FactorGraph(
         pose_ids=np.array(poses),
         odometry=np.array([mean for mean, _ in chain]),
         odometry_covs=np.array([cov for _, cov in chain]),
         landmark_ids=np.array(landmark_ids),
-        poses_of=np.array([row_of[pose] for pose, _, _, _ in known]),
-        landmarks_of=np.array([column_of[landmark] for _, landmark, _, _ in known]),
-        sightings=np.array([factor[0] for _, _, factor, _ in known]),
-        sighting_covs=np.array([factor[1] for _, _, factor, _ in known]),
+        poses_of=np.array([row_of[entry[0]] for entry in known]),
+        landmarks_of=np.array([column_of[entry[1]] for entry in known]),
+        sightings=np.array([entry[2][0] for entry in known]),
+        sighting_covs=np.array([entry[2][1] for entry in known]),
+        polar=np.array([mean for mean, _ in polar]) if whole else None,
+        polar_covs=np.array([cov for _, cov in polar]) if whole else None,
         skipped=skipped,
         sorted_lines=n_sorted,
     )
 
 
 def _because(skipped: Skipped) -> str:
-    return f" (left out: {'; '.join(skipped.sentences())})" if skipped.total else ""
+    told = skipped.sentences()[:MOST_KINDS]
+    return f" (left out: {'; '.join(told)}{', ...' if len(told) < len(skipped.counts) else ''})" if told else ""
 
 
 def _reversed(mean: Array, cov: Array) -> Edge:
@@ -213,7 +228,13 @@ def _bearing_range(values: Array) -> Edge | None:
     return distance * along, cov
 
 
+def _polar(values: list[float]) -> Edge:
+    bearing, distance, bearing_std, distance_std = values
+    return np.array([distance, bearing]), np.diag([distance_std**2, bearing_std**2])
+
+
 # how many numbers follow each tag, and how they are read
+POLAR = "BR"
 EDGES = ("ODOMETRY", "EDGE_SE2", "EDGE2", "EDGE")
 LINES: dict[str, tuple[int, Callable[[Array], Edge | None]]] = {
     "ODOMETRY": (11, _factor(3, "covariance")),
@@ -223,5 +244,5 @@ LINES: dict[str, tuple[int, Callable[[Array], Edge | None]]] = {
     "LANDMARK": (7, _factor(2, "covariance")),
     "EDGE_SE2_XY": (7, _factor(2, "information")),
     "LANDMARK2": (7, _factor(2, "information")),
-    "BR": (6, _bearing_range),
+    POLAR: (6, _bearing_range),
 }
