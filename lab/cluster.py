@@ -108,11 +108,16 @@ def _run(
         with joblib.parallel_config(backend=_backend(client, lost), n_jobs=-1):
             # the function is bound, not an argument: joblib would place it on one worker, and lose it there
             yield from joblib.Parallel(return_as="generator_unordered", batch_size=1)(
-                joblib.delayed(partial(_apply, function))(item) for item in items
+                joblib.delayed(partial(_apply, _share(function, item)))(item) for item in items
             )
     except (CancelledError, OSError) as error:
         reason = "" if isinstance(error, CancelledError) else f" ({_first_line(error)})"
         raise ClusterError(f"the Dask cluster at {address} went away{reason}") from None
+
+
+def _share(function: Callable[[Item], Result], item: Item) -> Callable[[Item], Result]:
+    """Return what of the function one item needs, where the function can tell: it travels with each item."""
+    return function.only(item) if hasattr(function, "only") else function
 
 
 def _apply(function: Callable[[Item], Result], item: Item) -> Result:

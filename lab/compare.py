@@ -86,7 +86,7 @@ def compare(
         An argument is out of range, or the exact filter itself cannot run.
     """
     problems = _data_sets(problem)
-    if not isinstance(jobs, int) or (jobs < 1 and jobs != -1):
+    if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or (jobs < 1 and jobs != -1):
         raise InputError(f"jobs must be at least 1, or -1 for one per processor, not {jobs!r}.")
     if not isinstance(solvers, Mapping) or not all(isinstance(label, str) for label in solvers):
         raise InputError('solvers must map labels to functions, as {"sir": sir}.')
@@ -183,12 +183,20 @@ def partial_comparison(
 
 @dataclass(frozen=True, eq=False)
 class Work:
-    """All that a unit needs, sent to a worker once: data sets, their exact answers, and solvers by label."""
+    """All that units need, sent to a local worker once: data sets, their exact answers, and solvers by label."""
 
     problems: tuple[Problem, ...]
     exacts: tuple[Filtered, ...]
     solvers: Mapping[str, Solver]
     keep_moments: bool = False
+
+    def only(self, unit: Unit) -> "Work":
+        """Return what one unit needs, for a cluster, to which it is sent with each."""
+        keep = unit.data_set
+        problems = tuple(each if i == keep else None for i, each in enumerate(self.problems))
+        exacts = tuple(each if i == keep else None for i, each in enumerate(self.exacts))
+        solvers = {unit.solver: self.solvers[unit.solver]}
+        return Work(problems, exacts, solvers, self.keep_moments)  # type: ignore[arg-type]
 
     def __call__(self, unit: Unit) -> Record:
         """Run one unit and measure it; whatever the solver raises becomes the record's error."""
@@ -200,7 +208,9 @@ class Work:
                 answer = self.solvers[unit.solver](problem, rng, n_particles=unit.n_particles)
                 seconds = time.perf_counter() - start
             filtered = check_filtered(answer, problem)
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             return Record(unit, Metrics(), error=_described(error))
         keep = self.keep_moments or unit.run == unit.data_set == 0
         metrics = measure(filtered, exact, unit.n_particles, seconds)
@@ -233,5 +243,9 @@ def _described(error: BaseException) -> str:
     library = ("site-packages", str(Path(__file__).parent))
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not any(part in f.filename for part in library)]
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    text = " ".join(f"{type(error).__name__}: {error}{where}".split())
+    try:
+        said = str(error)
+    except Exception:
+        said = "(it has no words)"
+    text = " ".join(f"{type(error).__name__}: {said}{where}".split())
     return text.encode("utf-8", "backslashreplace").decode("utf-8")  # lone surrogates fit in no file

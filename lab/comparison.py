@@ -61,7 +61,7 @@ class Record:
     died: bool = False
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """The records of all units, in the order data set, solver, N, run, and what they are measured against.
 
@@ -136,6 +136,11 @@ class Comparison:
     def bootstrap_log_variances(self) -> Array:
         """lab.theory.relative_log_variance on each data set, (data sets, N, n)."""
         return np.array([relative_log_variance(problem) for problem in self.problems])
+
+    def __repr__(self) -> str:
+        """Say what it is, in a line."""
+        sizes = ", ".join(map(str, sorted({record.unit.n_particles for record in self.records})))
+        return f"<Comparison of {', '.join(self.solvers)} with N = {sizes}: {len(self.records)} runs>"
 
     def _repr_html_(self) -> str:
         """Show the summary in a notebook."""

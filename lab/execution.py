@@ -19,8 +19,11 @@ from contextlib import contextmanager
 from itertools import islice
 from typing import Any, Protocol, TypeVar
 
+import cloudpickle
 import joblib
 from loky import ProcessPoolExecutor
+
+from lab.validation import InputError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -59,12 +62,21 @@ def processes(
         Makes the result of an item whose worker died, given the reason; the worker is replaced.
     jobs : int
 
+    Raises
+    ------
+    InputError
+        The function cannot be pickled.
+
     Yields
     ------
     object
         Results, in the order in which they end.
     """
     waiting = iter(items)
+    try:
+        cloudpickle.dumps(function)
+    except Exception as error:
+        raise InputError(f"The work cannot be sent to other processes ({error}); run it in this one, jobs=1.") from None
     with _deaf_to_interrupts():
         workers = [_Worker(function) for _ in range(min(joblib.cpu_count() if jobs == -1 else jobs, len(items)))]
     try:
@@ -79,6 +91,8 @@ def processes(
                 for following in islice(waiting, 1):  # before the result is looked at, so that the worker has work
                     running[worker.submit(following)] = (worker, following)
                 yield result
+        for worker in workers:
+            worker.end()
     finally:
         for worker in workers:
             worker.kill()
@@ -124,6 +138,9 @@ class _Worker:
             self._start()
             future = self._pool.submit(_call, item)
         return future
+
+    def end(self) -> None:
+        self._pool.shutdown()
 
     def kill(self) -> None:
         self._pool.shutdown(kill_workers=True)

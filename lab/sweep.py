@@ -15,8 +15,9 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ import pandas as pd
 from lab.comparison import Comparison, Record, Unit
 from lab.execution import Execute
 from lab.metrics import Metrics
-from lab.records.files import atomic_path
+from lab.records.files import TEMPORARY, atomic_path, exclusive
 from lab.result import Filtered
 from lab.validation import Array, InputError
 
@@ -83,27 +84,29 @@ class Unfinished:
         Raises
         ------
         InputError
-            The folder cannot be written to, or what is in it was begun with other arguments, inputs or versions.
+            The folder cannot be written to, another process is at work in it, or what is in it was begun with other
+            arguments, inputs or versions.
         """
-        earlier = self.config
-        if earlier is not None:
-            _check_same(earlier, config, self.folder)
         made = [folder for folder in self.folder.parents if not os.path.exists(folder)]
-        try:
+        with ExitStack() as stack:
+            stack.callback(_remove_empty, made)
             try:
                 self.folder.parent.mkdir(parents=True, exist_ok=True)
+                stack.enter_context(exclusive(self.folder.parent))
+                earlier = self.config
+                if earlier is not None:
+                    _check_same(earlier, config, self.folder)
+                stack.callback(self._remove_unused)
                 self.folder.mkdir(exist_ok=True)
                 with atomic_path(self.folder / CONFIG) as path:
                     path.write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
             except OSError as error:
                 raise self._unusable(error) from None
             yield
-        finally:
-            if not any(self._parts()):
-                self.remove()
-                for folder in made:
-                    with suppress(OSError):  # not empty
-                        folder.rmdir()
+
+    def _remove_unused(self) -> None:
+        if not self._parts():
+            self.remove()
 
     def finished(self) -> dict[Unit, Record]:
         """Return the records kept so far; a part that cannot be read is as good as none."""
@@ -130,7 +133,13 @@ class Unfinished:
 
     def remove(self) -> None:
         """Forget everything, once the result is written or nothing was finished."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        try:
+            # at once under another name: a folder half removed would look like another program's
+            doomed = Path(tempfile.mkdtemp(prefix=TEMPORARY, dir=self.folder.parent)) / FOLDER
+            self.folder.rename(doomed)
+        except OSError:
+            return
+        shutil.rmtree(doomed.parent, ignore_errors=True)
 
 
 def resumable(execute: Execute, unfinished: Unfinished) -> Execute:
@@ -187,6 +196,12 @@ def _instants(filtered: Filtered, unit: dict[str, Any]) -> pd.DataFrame:
             "cov": [cov.ravel() for cov in filtered.covs],
         }
     )
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):  # not empty
+            folder.rmdir()
 
 
 def _check_same(earlier: dict[str, Any], config: dict[str, Any], folder: Path) -> None:

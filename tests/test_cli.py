@@ -141,8 +141,8 @@ def test_the_command_in_config_json_repeats_the_result(here):
     one, two = (pd.read_csv(here / name / "runs.csv").drop(columns="seconds") for name in ("one", "two"))
     assert len(one) == 8
     assert one.equals(two)
-    assert set(config["inputs"]) == {"experiment", "my"}
-    assert len(config["inputs"]["my"]["sha256"]) == 64
+    assert set(config["inputs"]) == {"experiment", "solver my"}
+    assert len(config["inputs"]["solver my"]["sha256"]) == 64
     assert {"numpy", "toy-slam-lab", "python"} <= set(config["versions"])
 
 

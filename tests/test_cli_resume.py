@@ -12,6 +12,10 @@ import pandas as pd
 import pytest
 from program import call, command, everything_in, start
 
+from lab.records.files import exclusive
+from lab.solvers import resolve
+from lab.validation import InputError
+
 posix = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
 
 # runs 2 and 3 wait for a file, so that the comparison can be stopped between
@@ -150,6 +154,40 @@ def test_a_worker_that_dies_is_named_and_the_rest_goes_on(here, jobs):
         assert again.status == 0
         assert (runs_in("result")["error"] == "").all()
         assert not (here / "result" / "unfinished").exists()
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_two_at_once_in_one_folder_are_one_too_many(here):
+    (here / "result").mkdir()
+    with exclusive(here / "result"):
+        call(*GIVEN, "--solvers", "sis", "--out", "result").assert_refused("Another process is at work in result")
+    assert os.listdir(here / "result") == []
+    assert call(*GIVEN, "--solvers", "sis", "--out", "result").status == 0
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_the_result_of_another_command_is_no_comparison(here):
+    assert call("run", "kalman", "--out", "result").status == 0
+    call("compare", "--resume", "--out", "result").assert_refused("result holds no comparison")
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_complete_result_with_failures_keeps_its_status(here):
+    (here / "bad.py").write_text("def bad(problem, rng, *, n_particles):\n    raise ValueError('no')\n")
+    assert call(*GIVEN, "--solvers", "bad.py:bad", "--out", "result").status == 1
+    done = call("compare", "--resume", "--out", "result")
+    assert (done.status, done.out) == (1, "The comparison in result is complete; there is nothing to resume.\n")
+
+
+def test_a_file_that_changes_meanwhile_is_refused(here):
+    """A worker that lives longer than one comparison, such as a cluster's, must not keep the older text."""
+    (here / "mine.py").write_text("from lab.solvers import sis as mine\n")
+    _, before = resolve("mine.py:mine")
+    assert before.load().__name__ == "sis"
+    (here / "mine.py").write_text("from lab.solvers import sir as mine\n")
+    with pytest.raises(InputError, match="is not the file with which this began"):
+        before.load()
+    assert resolve("mine.py:mine")[1].load().__name__ == "sir"
 
 
 @pytest.mark.usefixtures("no_pictures")

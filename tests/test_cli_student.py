@@ -142,7 +142,7 @@ def test_a_good_one_takes_part(results, filters):
     assert runs["ancestors_left"][1] == expected.survivors[-1]
     assert runs["error"].isna().all()
     inputs = json.loads((filters / "result" / "config.json").read_text())["inputs"]
-    assert inputs["mine"]["file"] == str(filters / "filters.py")
+    assert inputs["solver mine"]["file"] == str(filters / "filters.py")
 
 
 def test_without_a_label_it_goes_by_its_name(results):

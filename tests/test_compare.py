@@ -1,5 +1,6 @@
 """The comparison: metrics by their definitions, seeds, failures, and the table."""
 
+import threading
 from functools import partial
 
 import numpy as np
@@ -171,6 +172,41 @@ def test_failures_are_recorded_and_the_rest_goes_on(world):
         f"run {unit.run}, seed {unit.seed}: ValueError" in sentence and f"{len(failed)} of 8 runs FAILED" in sentence
         for sentence in findings(result)
     )
+
+
+class Speechless(BaseException):
+    def __str__(self):
+        raise ZeroDivisionError
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_without_words_is_a_failure_like_another(world, jobs):
+    def speechless(problem, rng, *, n_particles):
+        raise Speechless
+
+    result = compare(world, {"mute": speechless, "sis": sis}, n_particles=[10], runs=1, jobs=jobs)
+    assert [record.unit.solver for record in result.failures] == ["mute"]
+    assert "Speechless: (it has no words)" in result.failures[0].error
+
+
+def test_what_cannot_be_sent_to_a_worker_is_said(world):
+    lock = threading.Lock()
+
+    def locked(problem, rng, *, n_particles):
+        with lock:
+            return sis(problem, rng, n_particles=n_particles)
+
+    with pytest.raises(InputError, match=r"cannot be sent to other processes .*jobs=1"):
+        compare(world, {"locked": locked}, n_particles=[10], runs=1, jobs=2)
+    assert not compare(world, {"locked": locked}, n_particles=[10], runs=1).failures
+
+
+def test_a_unit_travels_with_its_own_data_set_only(world):
+    work = Work((world, world), (kalman(world), kalman(world)), {"sis": sis, "sir": sir})
+    unit = Unit("sir", 10, 0, 3, data_set=1)
+    own = work.only(unit)
+    assert (own.problems[0], own.exacts[0], {*own.solvers}) == (None, None, {"sir"})
+    assert own(unit).metrics.mean_gap == work(unit).metrics.mean_gap
 
 
 def test_when_every_run_fails_the_row_is_there_and_empty(world):
@@ -347,6 +383,7 @@ def test_seeds_of_data_sets():
 
 
 def test_it_shows_itself_in_a_notebook(comparison):
+    assert repr(comparison) == "<Comparison of sis, sir with N = 20, 100: 12 runs>"
     page = comparison._repr_html_()
     assert page.count("<tr") == 5
     assert "<th>mean gap</th>" in page

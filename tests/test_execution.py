@@ -52,8 +52,10 @@ class Counted:
         future.set_result(self.function(item))
         return future
 
-    def kill(self):
+    def end(self):
         pass
+
+    kill = end
 
 
 def test_here_is_this_process_in_the_given_order():

@@ -116,6 +116,16 @@ def test_a_unit_whose_worker_died_is_tried_again(given, unfinished):
         assert unfinished.finished()[record.unit].error == "raised"
 
 
+def test_it_is_removed_at_once_or_not_at_all(given, unfinished, monkeypatch):
+    """Half removed, it would look like another program's."""
+    with unfinished.begun(CONFIG):
+        unfinished.keep(compare(**given | {"runs": 1}).records[0])
+    monkeypatch.setattr("lab.sweep.shutil.rmtree", lambda *_, **__: None)
+    unfinished.remove()
+    assert unfinished.config is None
+    assert [path.name[:9] for path in unfinished.folder.parent.iterdir()] == [".partial-"]
+
+
 def test_nothing_finished_leaves_nothing(unfinished):
     with unfinished.begun(CONFIG):
         assert unfinished.config == CONFIG

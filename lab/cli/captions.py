@@ -70,9 +70,12 @@ def evidence(comparison: Comparison, file: str) -> Picture:
 def cost(comparison: Comparison, file: str) -> Picture:
     """Describe the gap against seconds."""
     last = _largest(comparison)
+    runs = comparison.runs[comparison.runs["error"] == ""]
+    medians = runs.groupby(["solver", "n_particles"])["seconds"].median().rename("median_seconds")
+    last = last.join(medians, on=["solver", "n_particles"])
 
     def price(rows: pd.DataFrame) -> str:
-        return f"{_number(rows, 'mean_gap')} in {_number(rows, 'seconds_per_run')} s"
+        return f"{_number(rows, 'mean_gap')} in {_number(rows, 'median_seconds')} s"
 
     good = last[last["mean_gap"].notna()]
     words = [

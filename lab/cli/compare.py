@@ -71,7 +71,7 @@ def compare(
         if out is not None and unfinished is not None:
             if resume and unfinished.config is None and output.is_complete(out, config):
                 typer.echo(f"The comparison in {out} is complete; there is nothing to resume.")
-                return
+                raise typer.Exit(1 if output.has_failures(out) else 0)
             output.earlier_files(out)  # refused now rather than after the work
             stack.enter_context(unfinished.begun(config))
         with _execution(jobs, dask, named) as execute:
@@ -115,6 +115,8 @@ def _asked(context: typer.Context, unfinished: "Unfinished | None", *, resume: b
             )
         return asked
     earlier = earlier or output.earlier_config(unfinished.folder.parent)
+    if earlier is not None and earlier.get("command") != "compare":
+        raise InputError(f"{unfinished.folder.parent} holds no comparison, which --resume could go on with.")
     if earlier is None:
         typer.echo(f"Nothing to resume in {unfinished.folder.parent}: beginning.", err=True)
         return asked
@@ -122,15 +124,15 @@ def _asked(context: typer.Context, unfinished: "Unfinished | None", *, resume: b
     given = {name for name, origin in origins.items() if origin is not None and origin.name != "DEFAULT"}
     if given & {"experiment", "scenario"}:
         given |= {"experiment", "scenario"}
-    recorded = {name: earlier["arguments"].get(name) for name in asked}
+    recorded = asked | {"experiment": None, "scenario": None, "moments": False}
+    recorded |= {name: value for name, value in earlier["arguments"].items() if name in asked}
     if recorded["experiment"] is not None:
         recorded["experiment"] = Path(recorded["experiment"])
-    recorded["moments"] = bool(recorded["moments"])
     return {name: asked[name] if name in given else recorded[name] for name in asked}
 
 
 def _execution(jobs: int, address: str | None, solvers: "dict[str, Solver]") -> "AbstractContextManager[Execute]":
-    """Return the way to run units; a student's file, which may end Python, never runs in this process."""
+    """Return the way to run units; a student's function, which may end Python, never runs in this process."""
     from contextlib import nullcontext
     from functools import partial
 

@@ -175,11 +175,11 @@ def parse_solvers(texts: Iterable[str], experiment: "Experiment") -> "dict[str, 
 
 
 def student_files(solvers: "dict[str, Solver]") -> dict[str, Path]:
-    """Return the file of each solver that comes from one, by label."""
+    """Return the file of each solver that comes from one, by "solver LABEL"."""
     from lab.solvers.registry import FileSolver
 
     found = {label: getattr(solver, "func", solver) for label, solver in solvers.items()}
-    return {label: Path(solver.path) for label, solver in found.items() if isinstance(solver, FileSolver)}
+    return {f"solver {label}": Path(solver.path) for label, solver in found.items() if isinstance(solver, FileSolver)}
 
 
 def _is_ours(solver: Any) -> bool:

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 import lab
+from lab.records.files import TEMPORARY
 from lab.validation import InputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
 CONFIG = "config.json"
-TEMPORARY = ".partial-"
 PROGRAM = "slam-lab"
 PACKAGES = ("numpy", "scipy", "filterpy", "matplotlib", "pandas", "pyarrow", "joblib", "loky")
 UNBOUNDED = 10_000  # columns of a file, which has no width
@@ -190,6 +190,16 @@ def earlier_config(path: Path) -> dict[str, Any] | None:
     if not ours:
         raise InputError(f"The folder {path} holds a {CONFIG} that is not ours; choose another folder.")
     return config  # type: ignore[no-any-return]
+
+
+def has_failures(path: Path) -> bool:
+    """Whether some runs of the comparison in this folder failed."""
+    import pandas as pd
+
+    try:
+        return bool((pd.read_parquet(path / "runs.parquet")["error"] != "").any())
+    except (OSError, KeyError, ValueError):
+        return False
 
 
 def is_complete(path: Path, config: dict[str, Any]) -> bool:

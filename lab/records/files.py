@@ -6,9 +6,10 @@ is one sentence, whatever its damage makes a reader raise.
 
 import gzip
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from lab.validation import InputError
@@ -38,6 +39,46 @@ def readable(path: Path) -> Iterator[None]:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
     except Exception as error:  # on damaged bytes the readers raise anything: zlib.error, TokenError, ValueError...
         raise InputError(f"{path} is damaged, or not a {path.suffix} file ({type(error).__name__}).") from None
+
+
+TEMPORARY = ".partial-"  # how the names of folders begin that nobody needs once their process has ended
+
+
+@contextmanager
+def exclusive(folder: Path) -> Iterator[None]:
+    """Keep other processes out of a folder while the block runs; a kill ends that, too.
+
+    Raises
+    ------
+    InputError
+        Another process has it.
+    """
+    path = folder / ".lock"
+    with path.open("w") as file:
+        try:
+            _lock(file.fileno())
+        except (BlockingIOError, PermissionError):
+            raise InputError(
+                f"Another process is at work in {folder}; wait for it, or choose another folder."
+            ) from None
+        except OSError:
+            pass  # a file system without locks
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                path.unlink()
+
+
+def _lock(descriptor: int) -> None:
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @contextmanager

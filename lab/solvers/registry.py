@@ -45,10 +45,13 @@ class FileSolver:
         Absolute, so that a worker finds it from any folder.
     function : str
         Name in that file.
+    sha256 : str
+        Of the file when it was named: a worker that finds another text there refuses it.
     """
 
     path: str
     function: str
+    sha256: str
 
     def __call__(self, *args: Any, **options: Any) -> Filtered:
         """Call the function."""
@@ -64,7 +67,9 @@ class FileSolver:
         InputError
             The file is missing or fails when imported, or has no such function.
         """
-        function = getattr(_import_file(self.path), self.function, None)
+        if _sha256(self.path) != self.sha256:
+            raise InputError(f"{self.path} is not the file with which this began: it has changed since.")
+        function = getattr(_import_file(self.path, self.sha256), self.function, None)
         if not callable(function):
             raise InputError(f"{self.path} has no function named {self.function}.")
         return function  # type: ignore[no-any-return]
@@ -95,7 +100,8 @@ def resolve(text: str) -> tuple[str, Solver]:
     label = match["label"] or text.strip()
     if match["file"]:
         label = match["label"] or match["function"] + match["options"]
-        solver: Any = FileSolver(str(Path(match["file"]).resolve()), match["function"])
+        path = str(Path(match["file"]).resolve())
+        solver: Any = FileSolver(path, match["function"], _sha256(path))
         signature = inspect.signature(solver.load())
     else:
         if match["name"] not in SOLVERS:
@@ -133,12 +139,21 @@ def _value(given: str) -> Any:
         return given
 
 
+def _sha256(path: str) -> str:
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+        raise InputError(f"{path} does not exist.") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+
+
 @cache
-def _import_file(path: str) -> ModuleType:
+def _import_file(path: str, sha256: str) -> ModuleType:
+    """Import a file whose text has this hash: a process that outlives an edit imports it anew."""
     file = Path(path)
-    if not file.is_file():
-        raise InputError(f"{path} does not exist.")
-    name = f"{file.stem}-{hashlib.sha256(path.encode()).hexdigest()[:8]}"  # a file may be called random.py
+    place = hashlib.sha256(f"{path} {sha256}".encode()).hexdigest()[:8]
+    name = f"{file.stem}-{place}"  # a file may be called random.py
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
