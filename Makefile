@@ -25,10 +25,10 @@ lab: venv ## open the notebooks in JupyterLab
 	$(PY) -m jupyter lab notebooks $(ARGS)
 
 test: venv ## the test suite, in minutes
-	$(PY) -m pytest -m "not long" $(ARGS)
+	$(PY) -m pytest -m "not long" -n auto $(ARGS)
 
 test-all: venv ## the test suite with what takes longer
-	$(PY) -m pytest $(ARGS)
+	$(PY) -m pytest -n auto $(ARGS)
 
 check: venv ## lint, formatting and types
 	$(PY) -m ruff check .

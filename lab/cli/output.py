@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 import lab
-from lab.records.files import TEMPORARY
 from lab.validation import InputError
 
 if TYPE_CHECKING:
@@ -79,6 +78,8 @@ def result_folder(path: Path) -> Iterator[Path]:
     InputError
         The folder cannot be made or written to, or holds another program's config.json; said before the block runs.
     """
+    from lab.records.files import TEMPORARY  # whose package reads .mat files, and so is slow to import
+
     made = [folder for folder in (path, *path.parents) if not os.path.exists(folder)]
     try:
         with _named_in_errors(path):
