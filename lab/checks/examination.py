@@ -50,7 +50,7 @@ def _examine(asked: Question, answer: Any) -> Verdict:
     if asked.key == "q9":
         return importance.examine(asked, answer, guard.is_ours)
     if asked.key == "q8-study":  # lab.compare is a way to do it
-        return studies.examine(asked, answer, lambda module, function: module.startswith("lab.checks"))
+        return studies.examine(asked, answer, lambda module, function: module == "lab.checks.reference")
     if asked.key == "q9-filter":  # one's own importance function in the laboratory's loop
         return filters.examine(asked, answer, _proposes)
     return filters.examine(asked, answer, guard.is_ours)

@@ -69,7 +69,7 @@ def examine(
         runs = _runs(question, solver, problem, seed, seconds)
         passed = ["moments and evidence on a short experiment"]
         verdict = _judge(question, solver, problem, runs)
-        if verdict:
+        if verdict is not None:
             return verdict
         said = []
         if question.key in ("q4-filter", "q6-filter"):

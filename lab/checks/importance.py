@@ -76,7 +76,7 @@ def examine(
         turned = _orientation(question, propose, tried[0], watch)
         for number, setting in enumerate(tried):
             verdict = _properly_weighted(question, propose, setting, turned, (seed, number))
-            if verdict:
+            if verdict is not None:
                 return verdict
         _looks(question, propose, tried[0], turned)
         _far(question, propose, tried[0], turned)

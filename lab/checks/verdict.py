@@ -45,10 +45,6 @@ class Verdict:
     notes: tuple[str, ...] = ()
     answered: bool = True
 
-    def __bool__(self) -> bool:
-        """Whether the check passed."""
-        return self.passed
-
     @property
     def status(self) -> str:
         """One word or three: passed, not passed, not answered yet."""

@@ -7,6 +7,7 @@ import typer
 from typer import TyperException
 
 import lab
+from lab.cli.check import check
 from lab.cli.compare import compare
 from lab.cli.forecast import forecast
 from lab.cli.output import RunError
@@ -26,6 +27,7 @@ app.command()(simulate)
 app.command()(run)
 app.command()(compare)
 app.command()(forecast)
+app.command()(check)
 
 
 def _show_version(wanted: bool) -> None:

@@ -8,8 +8,6 @@ from lab.cli import options
 from lab.cli.options import ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from lab.compare import Comparison
     from lab.problem import Experiment
 
@@ -76,9 +74,9 @@ def _run(
     from concurrent.futures.process import BrokenProcessPool
 
     import lab.compare
-    from lab.cli.output import RunError
+    from lab.cli import output
 
-    with _progress() as progress:
+    with output.progress() as progress:
         # the work of a run grows with N, beside an overhead of about 1000 particles' worth
         bar = progress.add_task("comparing", total=sum(size + 1000 for size in sizes) * runs * len(solvers))
         try:
@@ -92,27 +90,17 @@ def _run(
                 on_done=lambda record: progress.advance(bar, record.unit.n_particles + 1000),
             )
         except BrokenProcessPool:
-            raise RunError(
+            raise output.RunError(
                 "a worker process died: it was killed, ran out of memory, or a solver ended Python itself;"
                 " nothing is written."
             ) from None
 
 
 def _draw(folder: Any, comparison: "Comparison", source: "Experiment") -> None:
-    from lab.cli import pictures
+    from lab.cli import output, pictures
 
-    with _progress() as progress:
+    with output.progress() as progress:
         bar = progress.add_task("drawing")
         pictures.write_comparison(
             folder, comparison, source, lambda done, total: progress.update(bar, completed=done, total=total)
         )
-
-
-def _progress() -> "Progress":
-    """Return a progress display on standard error, silent when that is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

@@ -135,7 +135,7 @@ def _one_block(which: int) -> Any:
     def change(R: Array) -> Array:
         p = len(R)
         block = R[:2, :2] if which == 0 else R[p - 2 :, p - 2 :]
-        return np.kron(np.eye(p // 2), block)
+        return np.asarray(np.kron(np.eye(p // 2), block), dtype=np.float64)
 
     return change
 
