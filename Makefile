@@ -10,7 +10,7 @@ endif
 # Packages of another tool (ROS sets PYTHONPATH) would shadow the pinned ones.
 unexport PYTHONPATH PYTHONHOME
 
-.PHONY: help compare lab test test-all check venv clean
+.PHONY: help compare lab solutions test test-all check venv clean
 
 help: ## list the targets
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' Makefile
@@ -23,6 +23,9 @@ compare: venv ## particle filters against the exact Kalman filter; tables and fi
 
 lab: venv ## open the notebooks in JupyterLab
 	$(PY) -m jupyter lab notebooks $(ARGS)
+
+solutions: venv ## run the solutions, store their outputs, derive the students' notebooks
+	$(PY) -m lab release --execute $(ARGS)
 
 test: venv ## the test suite, in minutes
 	$(PY) -m pytest -m "not long" $(ARGS)

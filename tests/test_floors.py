@@ -34,6 +34,7 @@ FLOORS = {
     "lab.findings": 5,
     "lab.checks": 5,
     "lab.release": 5,
+    "lab.notebook": 5,
     "lab.ekfslam.app": 5,
     "lab.__main__": 5,
 }
@@ -43,6 +44,7 @@ SIDEWAYS = {
     "lab.plots": {"lab.compare"},  # a Comparison is a result
     "lab.theory": {"lab.solvers"},  # the laws of the proposals, and the exact moments
     "lab.cli": {"lab.sweep", "lab.findings", "lab.checks", "lab.release", "lab.ekfslam.app"},
+    "lab.notebook": {"lab.checks"},  # which function belongs to which question
     "lab.__main__": {"lab.cli"},
 }
 # Down, but never: ekfslam is a sister wing of the solvers, and figures know results only.
