@@ -260,9 +260,7 @@ def rbpf(problem, rng, *, n_particles):
             d = z[:, None] - H[:, :2] @ moved - H[:, 2:] @ maps
             logs = -0.5 * (np.sum(d * np.linalg.solve(S, d), axis=0) + np.log(np.linalg.det(2 * np.pi * S)))
         evidence.append(evidence[-1] + evidence_increment(w, logs))
-        robots, maps, cov, w = rbpf_step(
-            robots, maps, cov, w, noise, problem.z[k], problem.H[k], problem.R[k], model
-        )
+        robots, maps, cov, w = rbpf_step(robots, maps, cov, w, noise, problem.z[k], problem.H[k], problem.R[k], model)
         mean, total = rbpf_moments(robots, maps, cov, w)
         means.append(mean)
         covs.append(total)
