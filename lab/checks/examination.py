@@ -7,6 +7,8 @@ those of random functions in `lab.checks.statistical`.
 import inspect
 from typing import Any
 
+import numpy as np
+
 from lab.checks import exact, filters, guard, importance, schemes, studies
 from lab.checks.questions import CODE, Question, question_named
 from lab.checks.verdict import Verdict
@@ -37,7 +39,8 @@ def check(question: str, answer: Any) -> Verdict:
         raise InputError(f"{question} asks for a text, which a person reads and marks; there is no check.")
     verdict = _at_first_sight(asked, answer)
     if verdict is None:
-        verdict = _examine(asked, answer)
+        with np.errstate(all="ignore"):
+            verdict = _examine(asked, answer)
     notes = guard.limits()
     return verdict if not notes else Verdict(**{**vars(verdict), "notes": (*verdict.notes, *notes)})
 

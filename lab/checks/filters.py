@@ -14,27 +14,30 @@ then nothing, where landmarks can move by resampling only.
 import inspect
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
 from lab.checks import exact, guard, limits, worlds
 from lab.checks.limits import Limit, limit
-from lab.checks.mistakes import CATALOGUE
+from lab.checks.mistakes.densities import likelihoods
 from lab.checks.questions import Question
+from lab.checks.recipes import log_likelihood_with
 from lab.checks.verdict import Verdict
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import check_filtered
 from lab.validation import Array, InputError
 
-RUNS, PARTICLES = 40, 400
+RUNS, PARTICLES = 36, 300
 FEWEST = 16  # runs, of a slow filter
 TAIL = 5e-8  # one-sided, of one t-statistic; there are about 225
 SECONDS, BUDGET = 30.0, 40.0  # for one run, and for all
 EXACT = 1e-8  # m: rounding
 SPREAD = 4.0  # a resampled cloud has this much less noise than one that is not, at least (it is about 20)
+SLACK = 0.15  # of the log-evidence of k = 1, whose standard error is about 0.01
+HEALTHY = 0.3  # of the runs must carry weight, when they are compared with a mistake
 NAMES = ("problem", "rng")
 
 
@@ -118,10 +121,12 @@ def _run(
         raise Refused(exact.ours(key, made.ours))
     if made.error is not None:
         text = str(made.error)
-        named = "r-rows-only" if "could not be broadcast" in text else "nan-kept" if "NaN" in text else ""
+        named = exact.by_message(text)
         reason = f"With {n_particles} particles {guard.describe(made.error, made.line, SECONDS)}."
-        hint = CATALOGUE[named].hint if named else ""
-        raise Refused(Verdict(key, False, reason, hint))
+        if named:
+            said, hint = exact.in_words(named)
+            raise Refused(Verdict(key, False, f"{reason} {said}", hint, " ".join(named)))
+        raise Refused(Verdict(key, False, reason))
     if made.drew:
         raise Refused(
             Verdict(
@@ -180,16 +185,40 @@ def _runs(
     return [_run(question, solver, problem, (seed, 10 + run)) for run in range(runs)]
 
 
-def _scores(runs: Sequence[Filtered], target: Limit, weigh: bool) -> tuple[float, str]:
-    """Return the largest t-statistic in units of its bound, and where it is."""
-    means, covs = np.array([run.means for run in runs]), np.array([run.covs for run in runs])
+class Runs(NamedTuple):
+    """Several runs of a filter, stacked: means (runs, N, n), covs (runs, N, n, n), log_evidence (runs, N)."""
+
+    means: Array
+    covs: Array
+    log_evidence: Array
+
+    @property
+    def bound(self) -> float:
+        """The t-statistic that a right filter exceeds with probability TAIL."""
+        return float(stats.t.isf(TAIL, len(self.means) - 1))
+
+
+def stacked(runs: Sequence[Filtered]) -> Runs:
+    """Return runs as arrays."""
+    return Runs(*(np.array([getattr(run, name) for run in runs]) for name in Runs._fields))
+
+
+def score(runs: Runs, target: Limit, weigh: bool = True) -> tuple[float, str]:
+    """Return the largest t-statistic in units of its bound, and where it is.
+
+    Parameters
+    ----------
+    runs : Runs
+    target : Limit
+        What the filter should tend to.
+    weigh : bool
+        Whether runs count by their evidence, which makes the statistics unbiased.
+    """
+    ratio = np.ones(runs.means.shape[:2])
     if weigh and target.log_evidence is not None:
-        logs = np.array([run.log_evidence for run in runs]) - target.log_evidence
-        ratio = np.exp(np.clip(logs, -700, 700))
-    else:
-        ratio = np.ones(means.shape[:2])
-    d = means - target.means
-    second = covs + d[..., :, np.newaxis] * d[..., np.newaxis, :] - target.covs
+        ratio = np.exp(np.clip(runs.log_evidence - target.log_evidence, -700, 300))
+    d = runs.means - target.means
+    second = runs.covs + d[..., :, np.newaxis] * d[..., np.newaxis, :] - target.covs
     worst, where = 0.0, ""
     for name, values in (
         ("means", ratio[..., np.newaxis] * d),
@@ -197,12 +226,21 @@ def _scores(runs: Sequence[Filtered], target: Limit, weigh: bool) -> tuple[float
         ("log_evidence", ratio - 1),
     ):
         average, deviation = values.mean(axis=0), values.std(axis=0, ddof=1)
-        error = np.maximum(deviation / np.sqrt(len(runs)), EXACT)
-        t = np.abs(average) / error
+        t = np.abs(average) / np.maximum(deviation / np.sqrt(len(values)), EXACT)
         if t.max() > worst:
             worst = float(t.max())
             where = f"{name}[{', '.join(map(str, np.unravel_index(np.argmax(t), t.shape)))}]"
-    return worst / float(stats.t.isf(TAIL, len(runs) - 1)), where
+    return worst / runs.bound, where
+
+
+def _fits(runs: Runs, target: Limit) -> bool:
+    """Whether the runs agree with the limit of a mistake, on enough of them for that to mean anything."""
+    if target.log_evidence is not None:
+        logs = runs.log_evidence[:, -1] - target.log_evidence[-1]
+        ratio = np.exp(logs - logs.max())
+        if ratio.sum() ** 2 / np.sum(ratio**2) < HEALTHY * len(ratio):
+            return False
+    return score(runs, target)[0] <= 1
 
 
 def _constants(problem: Problem) -> dict[str, Array]:
@@ -217,47 +255,50 @@ def _constants(problem: Problem) -> dict[str, Array]:
     return found
 
 
-def _lacking(runs: Sequence[Filtered], target: Limit, problem: Problem) -> Array:
+def _lacking(runs: Runs, right: Limit, problem: Problem) -> Array:
     """Return the constant that the log-evidence lacks (N,); zeros when none explains it."""
-    average = np.log(np.mean(np.exp(np.array([run.log_evidence for run in runs])[:, 1] - target.log_evidence[1])))  # type: ignore[index]
+    average = _first_gap(runs, right)
     for lacking in _constants(problem).values():
-        if abs(average - lacking[1]) < 0.15 < abs(lacking[1]):
+        if abs(average - lacking[1]) < SLACK < abs(lacking[1]):
             return lacking
-    return np.zeros(len(target.means))
+    return np.zeros(len(right.means))
 
 
-def _corrected(runs: Sequence[Filtered], lacking: Array) -> list[Filtered]:
-    return [Filtered(run.means, run.covs, run.log_evidence - lacking, run.ess) for run in runs]
+def _first_gap(runs: Runs, right: Limit) -> float:
+    """Return by how much the log-evidence of k = 1 is off, averaged over the runs."""
+    assert right.log_evidence is not None
+    return float(np.log(np.mean(np.exp(np.clip(runs.log_evidence[:, 1] - right.log_evidence[1], -300, 300)))))
 
 
-def _constant(runs: Sequence[Filtered], target: Limit) -> str:
-    ratios = np.exp(np.array([run.log_evidence for run in runs])[:, 1] - target.log_evidence[1])  # type: ignore[index]
-    if abs(np.log(ratios.mean())) < 0.15:
+def _constant(runs: Sequence[Filtered], right: Limit) -> str:
+    if abs(_first_gap(stacked(runs), right)) < SLACK:
         return ""
     return "Your likelihood lacks its constants: moments do not mind, but log_evidence is off by them."
 
 
 def _judge(
-    question: Question, solver: Callable[..., Any], problem: Problem, runs: Sequence[Filtered]
+    question: Question, solver: Callable[..., Any], problem: Problem, filtered: Sequence[Filtered]
 ) -> Verdict | None:
     """Return None when the runs agree with the exact answer, else the verdict."""
-    right = limit(problem)
-    key, (score, where) = question.key, _scores(runs, right, weigh=True)
-    if score <= 1:
+    right, runs, key = limit(problem), stacked(filtered), question.key
+    worst, where = score(runs, right)
+    if worst <= 1:
         return None
     lacking = _lacking(runs, right, problem)
     if lacking.any():
-        if _scores(_corrected(runs, lacking), right, weigh=True)[0] <= 1:
+        runs = runs._replace(log_evidence=runs.log_evidence - lacking)
+        if score(runs, right)[0] <= 1:
             return None
-        runs = _corrected(runs, lacking)
-    named = [mistake for mistake, found in limits.mistaken(problem) if _scores(runs, found, weigh=True)[0] <= 1]
-    moments_fine = _scores(runs, right, weigh=False)[0] <= 1.5
-    if not named and moments_fine:
-        summed = [Filtered(run.means, run.covs, np.cumsum(run.log_evidence)) for run in runs]
-        if _scores(summed, right, weigh=True)[0] <= 1:
-            named = ["evidence-increments"]
+    named = _by_one_particle(question, solver, problem)
+    named = named or [mistake for mistake, found in limits.mistaken(problem) if _fits(runs, found)]
+    moments_fine = score(runs, right, weigh=False)[0] <= 1.5
+    summed = runs._replace(log_evidence=np.cumsum(runs.log_evidence, axis=1))
+    if not named and moments_fine and score(summed, right)[0] <= 1:
+        named = ["evidence-increments"]
     named = list(dict.fromkeys(named)) or exact.global_data(solver)
-    found = f"{where} is {score * stats.t.isf(TAIL, len(runs) - 1):.0f} standard errors off over {len(runs)} runs"
+    errors = worst * runs.bound
+    far = f"{errors:.0f}" if errors < 1000 else "more than 1000"
+    found = f"{where} is {far} standard errors off over {len(filtered)} runs"
     if named:
         reason, hint = exact.in_words(named)
         return Verdict(key, False, f"{reason} Found: {found}.", hint, " ".join(named))
@@ -267,6 +308,41 @@ def _judge(
         return Verdict(key, False, reason, hint)
     hint = "Check your step by itself first; then the start, the order of the steps, and the row in which you store."
     return Verdict(key, False, f"The filter does not estimate the exact moments: {found}.", hint)
+
+
+def _by_one_particle(question: Question, solver: Callable[..., Any], problem: Problem) -> list[str]:
+    """Return the mistakes of the likelihood, read off clouds of one particle.
+
+    Its weight is 1 and the mean is the particle, so the increments of the log-evidence are the log-likelihoods.
+    """
+    if question.key not in ("q4-filter", "q6-filter"):
+        return []
+    try:
+        runs = [_run(question, solver, problem, (7, run), 1) for run in range(6)]
+    except Refused:
+        return []
+    instants = [k for k in range(1, problem.n_instants) if not np.isnan(problem.z[k]).all()]
+    increments = np.array([np.diff(run.log_evidence)[[k - 1 for k in instants]] for run in runs])
+    found = []
+    for key, likelihood in [("", log_likelihood_with()), *likelihoods()]:
+        for shift in (0, -1):
+            try:
+                with np.errstate(all="ignore"):
+                    expected = np.array([_likelihoods(likelihood, problem, run.means, instants, shift) for run in runs])
+            except (ValueError, IndexError, np.linalg.LinAlgError):
+                continue
+            gaps = (increments - increments.mean(axis=0)) - (expected - expected.mean(axis=0))
+            if np.abs(gaps).max() <= 1e-7 * max(1.0, np.abs(expected).max()):
+                found.append("late" if shift else key)
+    return [] if "" in found else list(dict.fromkeys(found))
+
+
+def _likelihoods(likelihood: Any, problem: Problem, means: Array, instants: Sequence[int], shift: int) -> list[float]:
+    """Return log p(z_k given the particle) at several instants, with z_{k + shift} for z_k."""
+    return [
+        float(likelihood(problem.z[k + shift], means[k][:, np.newaxis], problem.H[k + shift], problem.R[k + shift])[0])
+        for k in instants
+    ]
 
 
 def _resampling(question: Question, solver: Callable[..., Any], jitter: float, seed: int) -> list[str]:
@@ -288,6 +364,9 @@ def _resampling(question: Question, solver: Callable[..., Any], jitter: float, s
     resamples = noise < SPREAD
     if question.key == "q4-filter" and resamples:
         raise Refused(_named(question, "always-resampled", "SIS never resamples, and this filter does."))
+    if question.key == "q6-filter" and not resamples and _moving_instants(clouds, range(2, strong.n_instants)):
+        found = "The cloud is resampled, and a step later its weights are as uneven as before."
+        raise Refused(_named(question, "weights-not-reset", found))
     if question.key == "q6-filter" and not resamples:
         raise Refused(
             _named(question, "never-resampled", "After a measurement that ruins the weights they stay ruined.")

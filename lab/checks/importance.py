@@ -23,7 +23,7 @@ from lab.checks.verdict import Verdict
 from lab.problem import Problem
 from lab.validation import Array
 
-PARENTS, CHILDREN, BATCHES = 5, 200, 40
+PARENTS, CHILDREN, BATCHES = 5, 100, 40
 TAIL = 1e-8  # one-sided, of one t-statistic; there are about 130 a case
 STILL = 1e-6  # m
 SECONDS = 20.0
@@ -197,24 +197,24 @@ def _score(setting: Setting, batches: list[tuple[Array, Array]]) -> tuple[float,
     """Return the largest t-statistic in units of its bound, and what it is about."""
     logs, means, cov = _exact(setting)
     moving = np.flatnonzero(np.diag(setting.problem.model.noise_cov) > 0)
-    top = max(increments.max() for _, increments in batches)
-    totals, firsts, seconds = [], [], []
     share = np.exp(logs - logs.max())
     share /= share.sum()
-    for moved, increments in batches:
-        W = np.exp(increments - top).reshape(PARENTS, CHILDREN)
-        d = (moved.reshape(-1, PARENTS, CHILDREN) - means[:, :, np.newaxis])[moving]
-        averages = W.mean(axis=1)
-        totals.append(averages - averages.sum() * share)
-        firsts.append(np.mean(W * d, axis=2))
-        products = d[:, np.newaxis] * d[np.newaxis] - cov[np.ix_(moving, moving)][:, :, np.newaxis, np.newaxis]
-        seconds.append(np.mean(W * products, axis=3))
-    size = float(np.mean([np.exp(increments - top).mean() for _, increments in batches]))
+    increments = np.array([increments for _, increments in batches]).reshape(-1, PARENTS, CHILDREN)
+    W = np.exp(increments - increments.max())
+    moved = np.array([moved[moving] for moved, _ in batches]).reshape(len(W), len(moving), PARENTS, CHILDREN)
+    d = moved - means[moving, :, np.newaxis]
+    averages = W.mean(axis=2)
+    totals = averages - averages.sum(axis=1, keepdims=True) * share
+    weighted = W[:, np.newaxis] * d
+    firsts = weighted.mean(axis=3)
+    spreads = cov[np.ix_(moving, moving)][:, :, np.newaxis] * averages[:, np.newaxis, np.newaxis]
+    seconds = np.einsum("biqc,bjqc->bijq", weighted, d) / CHILDREN - spreads
+    size = float(W.mean())
     found = []
     for name, values in (
-        ("the average weight", np.array(totals)),
-        ("the weighted mean", np.array(firsts)),
-        ("the weighted covariance", np.array(seconds)),
+        ("the average weight", totals),
+        ("the weighted mean", firsts),
+        ("the weighted covariance", seconds),
     ):
         error = np.maximum(values.std(axis=0, ddof=1) / np.sqrt(BATCHES), 1e-7 * size)
         found.append((float((np.abs(values.mean(axis=0)) / error).max()) / _bound(), name))

@@ -135,6 +135,7 @@ def mistaken(problem: Problem) -> Iterator[tuple[str, Limit]]:
         ("diagonal-only", {"Q": _robot(Q, lambda A: np.diag(np.diag(A)))}),
         ("p0-transposed", {"Q": _robot(Q, lambda A: _lower(A).T @ _lower(A))}),
         ("noise-shared", {"Q": _robot(Q, lambda A: np.full((2, 2), A[0, 0]))}),
+        ("noise-shared", {"Q": _robot(Q, lambda A: np.outer(np.sqrt(np.diag(A)), np.sqrt(np.diag(A))))}),
         ("p0-omitted", {"P0": 0 * P0}),
         ("p0-transposed", {"P0": _landmarks(P0, lambda A: _lower(A).T @ _lower(A))}),
         ("variance-squared", {"P0": _landmarks(P0, _power)}),

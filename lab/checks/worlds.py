@@ -162,7 +162,7 @@ def quiet() -> Problem:
     Instant 3 sees nothing; 1, 2 and 4 see two, one and all three landmarks.
     """
     world = replace(scenario(3, 8, some(0, 2, 1, 0, 3), n_steps=5), landmark_cov=_leaning(), measurement_cov=_loud())
-    return experiment(world, 5).problem
+    return experiment(world, 28).problem
 
 
 def _leaning() -> Array:

@@ -120,6 +120,7 @@ def steps() -> Mutants:
         )
     ]
     found += [(key, build(combine=combine)) for key, combine in COMBINE]
+    found += [(key, _kept_when_blind(build(combine=combine))) for key, combine in COMBINE]
     found += [
         ("weighed-before-move", build(weighed=lambda old, new: old)),
         ("weights-reset-when-blind", build(even_when_blind=True)),
@@ -137,6 +138,16 @@ def _moved_by(wrong: Any) -> Any:
 def _frozen_when_blind(*args: Any) -> tuple[Array, Array]:
     particles, weights, _, z = args[:4]
     return (particles, weights) if np.isnan(z).all() else sis_step_with()(*args)
+
+
+def _kept_when_blind(step: Any) -> Any:
+    """Leave the weights as they are when nothing is seen, whatever is wrong otherwise."""
+
+    def sis_step(particles: Array, weights: Array, noise: Array, z: Array, H: Array, R: Array, model: Any) -> Any:
+        new, weighed = step(particles, weights, noise, z, H, R, model)
+        return new, weights if np.isnan(z).all() else weighed
+
+    return sis_step
 
 
 def jittered_steps() -> Mutants:

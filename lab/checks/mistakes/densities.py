@@ -87,6 +87,7 @@ def _singular() -> Mutants:
     found += [
         ("support-ignored", _singular_with(log_gaussian, support=False)),
         ("linear-not-log", lambda deviation, cov: np.exp(_singular_with(log_gaussian)(deviation, cov))),
+        ("linear-not-log", _singular_with(LINEAR)),
         ("support-refused", lambda deviation, cov: log_gaussian(deviation[:, np.newaxis], cov)[0]),
         ("support-ignored", lambda d, cov: log_gaussian(d[:, np.newaxis], cov + 1e-6 * np.eye(len(cov)))[0]),
         ("support-ignored", lambda d, cov: log_gaussian(d[:, np.newaxis], np.diag(np.diag(cov)) + np.eye(len(cov)))[0]),
@@ -95,6 +96,12 @@ def _singular() -> Mutants:
         ("diagonal-only", _singular_with(lambda d, cov: log_gaussian(d, np.diag(np.diag(cov))), support=False)),
     ]
     return found
+
+
+def _where_allowed(deviation: Array, other: Array, cov: Array) -> Any:
+    """Return the log-density of `other` where `deviation` is possible."""
+    possible = np.isfinite(_singular_with(log_gaussian)(deviation, cov))
+    return _singular_with(log_gaussian, support=False)(other, cov) if possible else -np.inf
 
 
 def _first_two(cov: Array) -> Any:
@@ -107,6 +114,7 @@ def log_priors() -> Mutants:
     found += [
         ("not-centred", lambda x, model: _singular_with(log_gaussian, support=False)(np.asarray(x), model.P0)),
         ("not-centred", lambda x, model: _singular_with(log_gaussian)(np.asarray(x), model.P0)),
+        ("not-centred", lambda x, model: _where_allowed(x - model.m0, np.asarray(x), model.P0)),
         ("f-omitted", lambda x, model: _singular_with(log_gaussian)(x - model.F @ model.m0 - model.B, model.P0)),
         ("retyped", lambda x, model: _singular_with(log_gaussian)(x - _handout(x).m0, _handout(x).P0)),
         ("retyped", lambda x, model: _singular_with(log_gaussian)(x - model.m0, _handout(x).P0)),

@@ -89,9 +89,35 @@ def _retyped_Q(Q: Array) -> Array:
     return handout_model(len(Q) // 2 - 1).Q
 
 
+# the same right update written in several ways, which differ once something before is wrong
+STYLES: tuple[dict[str, Function], ...] = (
+    {},
+    {"gain": lambda P, H, S: P @ H.T @ np.linalg.inv(S)},
+    {"new_cov": lambda P, K, H, S, nu: P - K @ S @ K.T},
+    {"gain": lambda P, H, S: P @ H.T @ np.linalg.inv(S), "new_cov": lambda P, K, H, S, nu: P - K @ S @ K.T},
+    {"new_cov": lambda P, K, H, S, nu: _joseph(P, K, H, S)},
+    {"gain": lambda P, H, S: P @ H.T @ np.linalg.inv(S), "new_cov": lambda P, K, H, S, nu: _joseph(P, K, H, S)},
+    {"finish": lambda new, predicted, old: (new[0], (new[1] + new[1].T) / 2)},
+)
+
+
+def _joseph(P: Array, K: Array, H: Array, S: Array) -> Array:
+    left = np.eye(len(P)) - K @ H
+    return np.asarray(left @ P @ left.T + K @ (S - H @ P @ H.T) @ K.T)
+
+
 def steps() -> Mutants:
-    """Return mistaken kalman_steps."""
-    build = kalman_step_with
+    """Return mistaken kalman_steps, each mistake in every style that it leaves open."""
+    found: Mutants = []
+    for style in STYLES:
+        found += _steps(style)
+    return found
+
+
+def _steps(style: dict[str, Function]) -> Mutants:
+    def build(**changes: Function) -> Function:
+        return kalman_step_with(**{**style, **changes})
+
     short: Any = lambda P, K, H, S, nu: P - K @ H @ P  # noqa: E731
     eye: Any = lambda P: np.eye(len(P))  # noqa: E731
     found: Mutants = [(key, build(select=select)) for key, select in SELECT]

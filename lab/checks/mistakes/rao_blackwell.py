@@ -37,6 +37,7 @@ def steps() -> Mutants:
     build = rbpf_step_with
     found: Mutants = [(key, build(select=select)) for key, select in SELECT]
     found += [(key, build(combine=combine)) for key, combine in COMBINE]
+    found += [(key, _kept_when_blind(build(combine=combine))) for key, combine in COMBINE]
     found += [(key, build(density=density)) for key, density in DENSITIES]
     found += [
         (key, build(move=_late(move)))
@@ -84,6 +85,16 @@ def steps() -> Mutants:
         ("rb-without-landmarks", build(spread=lambda cov, H, R: np.diag(np.diag(H[:, 2:] @ cov @ H[:, 2:].T)) + R)),
     ]
     return found
+
+
+def _kept_when_blind(step: Any) -> Any:
+    """Leave the weights as they are when nothing is seen, whatever is wrong otherwise."""
+
+    def rbpf_step(*args: Any) -> Any:
+        answer = step(*args)
+        return (*answer[:3], args[3]) if np.isnan(args[5]).all() else answer
+
+    return rbpf_step
 
 
 def _factor_again(robots: Array, noise: Array, model: Any) -> Array:

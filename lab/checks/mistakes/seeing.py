@@ -89,6 +89,14 @@ def _shifted(by: int) -> Any:
     return select
 
 
+def _rolled(by: int) -> Any:
+    def select(z: Array, H: Array, R: Array) -> Seen:
+        z, H, R = seen(z, H, R)
+        return z, np.roll(H, by, axis=1), R
+
+    return select
+
+
 def _without_offset(z: Array, H: Array, R: Array) -> Seen:
     """Look for landmark i at columns 2i, as if the robot were not in the state."""
     z, H, R = seen(z, H, R)
@@ -191,6 +199,8 @@ SELECT: tuple[tuple[str, Any], ...] = (
     ("wrong-block", _shifted(2)),
     ("wrong-block", _shifted(-2)),
     ("wrong-block", _without_offset),
+    ("wrong-block", _rolled(2)),
+    ("wrong-block", _rolled(-2)),
     ("wrong-block", _reversed),
     ("wrong-block", _swapped_axes),
     ("r-linear-index", _r_top_left),
