@@ -17,7 +17,6 @@ import pytest
 
 from lab.checks import QUESTIONS
 from lab.release import as_text
-from lab.release.execute import run
 from lab.release.regions import HIDDEN_TESTS, regions
 from lab.release.student import TEXT_STUB
 
@@ -89,7 +88,7 @@ def sparing(names):
     return [names[0], *(pytest.param(name, marks=pytest.mark.long) for name in names[1:])]
 
 
-@pytest.mark.parametrize("name", sparing(["05_rao_blackwellized", *NAMES[:4]]))
+@pytest.mark.parametrize("name", sparing(["02_sis", *(name for name in NAMES if name != "02_sis")]))
 def test_a_digit_changed_in_a_stored_output_turns_its_cell_red_and_no_other(tmp_path, name):
     notebook = read(name)
     changed = with_a_digit_changed(notebook)
@@ -102,24 +101,24 @@ def test_a_digit_changed_in_a_stored_output_turns_its_cell_red_and_no_other(tmp_
 
 
 SIGNS = [  # file, what stands there, what it becomes, and a notebook that must notice
-    (
-        "lab/solvers/proposals.py",
-        "innovation = law.z[:, np.newaxis] - law.H",
-        "innovation = law.z[:, np.newaxis] + law.H",
-        5,
-    ),
+    ("lab/gaussian.py", "return np.asarray(-0.5 *", "return np.asarray(0.5 *", 2),
     ("lab/gaussian.py", "left = np.eye(len(cov)) - K @ H", "left = np.eye(len(cov)) + K @ H", 5),
-    ("lab/gaussian.py", "return np.asarray(-0.5 *", "return np.asarray(0.5 *", 1),
     ("lab/gaussian.py", "left = cov - spread @ spread.T", "left = cov + spread @ spread.T", 5),
+    ("lab/solvers/proposals.py", "law.z[:, np.newaxis] - law.H", "law.z[:, np.newaxis] + law.H", 5),
     ("lab/weights.py", "centred = particles - mean", "centred = particles + mean", 3),
     ("lab/weights.py", "float(largest + np.log(total))", "float(largest - np.log(total))", 3),
-    ("lab/resampling.py", "(np.arange(n) + rng.random()) / n", "(np.arange(n) - rng.random()) / n", 3),
+    (
+        "lab/resampling.py",
+        "return _inverse((np.arange(n) + rng.random()) / n",
+        "return _inverse((np.arange(n) - rng.random()) / n",
+        3,
+    ),
     ("lab/compare.py", "(filtered.means - exact.means)[1:]", "(filtered.means + exact.means)[1:]", 3),
     ("lab/compare.py", "(filtered.covs - exact.covs)[1:]", "(filtered.covs + exact.covs)[1:]", 3),
-    ("lab/consistency.py", "truth[k] - filtered.means[k]", "truth[k] + filtered.means[k]", 1),
+    ("lab/consistency.py", "truth[k] - filtered.means[k], filtered", "truth[k] + filtered.means[k], filtered", 1),
     ("lab/theory.py", "2 * moments[0] - moments[1]", "2 * moments[0] + moments[1]", 2),
-    ("lab/checks/reference.py", "means - reach, means + reach", "means + reach, means - reach", 2),
-    ("data_simulation.py", "(-o[1], o[0])", "(o[1], o[0])", 1),
+    ("lab/checks/reference.py", "return means - reach, means + reach", "return means + reach, means - reach", 2),
+    ("data_simulation.py", "np.array((-o[1], o[0]))", "np.array((o[1], o[0]))", 1),
 ]
 
 
@@ -159,14 +158,32 @@ def as_graded(name):
     return result, hidden
 
 
+EXECUTE = """
+import sys
+from pathlib import Path
+from lab.release import as_text, read_notebook
+from lab.release.execute import run
+path = Path(sys.argv[1])
+notebook = read_notebook(path)
+run(notebook, Path("notebooks"), go_on=True)
+path.write_text(as_text(notebook), encoding="utf-8")
+"""  # in a process of its own: the sockets of a kernel that ran here would be closed too late
+
+
 @pytest.fixture(scope="module")
-def untouched():
+def untouched(tmp_path_factory):
     """Every student's copy, run as it is, with the hidden tests beside it."""
+
+    folder = tmp_path_factory.mktemp("untouched")
 
     def execute(name):
         notebook, hidden = as_graded(name)
-        run(notebook, ROOT / "notebooks", go_on=True)
-        return notebook, hidden
+        path = put(folder, name, notebook)
+        done = subprocess.run(
+            [sys.executable, "-c", EXECUTE, path], cwd=ROOT, capture_output=True, text=True, timeout=590
+        )
+        assert done.returncode == 0, done.stderr[-2000:]
+        return nbformat.read(path, as_version=4), hidden
 
     with ThreadPoolExecutor(AT_ONCE) as pool:
         yield {name: pool.submit(execute, name) for name in NAMES}
