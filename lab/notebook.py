@@ -12,7 +12,7 @@ import inspect
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
+from types import FunctionType, TracebackType
 from typing import Any
 
 from IPython.display import display
@@ -63,10 +63,11 @@ def scrub(draw: Draw, instants: Sequence[int], *, still: int) -> None:
     if still not in instants:
         raise InputError(f"still must be one of the instants, not {still}.")
     frames: dict[int, dict[str, str]] = {}
+    drawing = _as_of_now(draw)
 
     def frame(k: int) -> dict[str, str]:
         if k not in frames:
-            figure, alt = draw(k)
+            figure, alt = drawing(k)
             frames[k] = _bundle(_png(figure, alt), alt)
         return frames[k]
 
@@ -167,6 +168,15 @@ def _expected(key: str) -> Path | None:
     roots = (Path.cwd(), *(root / folder for root in (Path.cwd(), Path(lab.__file__).parents[1]) for folder in FOLDERS))
     files = (root / EXPECTED / f"{key}.png" for root in roots)
     return next((file for file in files if file.is_file()), None)
+
+
+def _as_of_now(draw: Draw) -> Draw:
+    """Return the function with the global variables as they are now: a later cell may use the same names."""
+    if not isinstance(draw, FunctionType):
+        return draw
+    frozen = FunctionType(draw.__code__, dict(draw.__globals__), draw.__name__, draw.__defaults__, draw.__closure__)
+    frozen.__kwdefaults__ = draw.__kwdefaults__
+    return frozen
 
 
 def _show(data: dict[str, Any]) -> None:

@@ -96,6 +96,18 @@ def test_a_slider_carries_a_still_and_draws_other_instants_when_moved(shown, mon
         scrub(draw, range(5), still=7)
 
 
+def test_a_slider_keeps_what_its_cell_had_when_later_cells_use_the_same_names(shown, monkeypatch):
+    frames = []
+    monkeypatch.setattr(notebook, "_slider", lambda frame, instants, still: frames.append(frame) or {})
+    cell = {"figure": a_figure(), "P": 400, "scrub": scrub}
+    exec(
+        "def draw(k, *, end='.'):\n    return figure, f'{P} particles, k = {k}{end}'\nscrub(draw, range(3), still=0)",
+        cell,
+    )
+    cell["P"] = "another cell's"
+    assert frames[0](2)["text/plain"] == "400 particles, k = 2."
+
+
 def test_a_still_is_shown_where_widgets_are_missing(shown, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ipywidgets", None)
     scrub(lambda k: (a_figure(k), "still"), range(2), still=0)

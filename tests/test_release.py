@@ -1,6 +1,9 @@
 """From solutions to student copies: markers, metadata, the course on disk, the bundle and the command."""
 
+import os
 import re
+import subprocess
+import venv
 from pathlib import Path
 
 import nbformat
@@ -304,3 +307,23 @@ def test_a_bundle_is_never_mixed_with_something_else(course, tmp_path):
         write_bundle(course, tmp_path / "full")
     with pytest.raises(InputError, match="inside the course"):
         write_bundle(course, course.root / "notebooks" / "deep")
+
+
+@pytest.mark.long
+def test_a_bundle_installs_as_its_readme_says_and_runs(bundle):
+    folder, _ = bundle
+    home = folder / ".venv"
+    venv.create(home, with_pip=True)
+    python = home / ("Scripts" if os.name == "nt" else "bin") / "python"
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+
+    def succeed(*command, cwd=folder):
+        done = subprocess.run([python, *command], cwd=cwd, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+        return done.stdout
+
+    succeed("-m", "pip", "install", "-q", "-r", "environment.txt", "-e", ".")
+    assert Path(succeed("-c", "import lab; print(lab.__file__)").strip()).is_relative_to(folder)
+    name = "01_simulation_and_modeling.ipynb"
+    succeed("-m", "jupyter", "nbconvert", "--to", "notebook", "--execute", "--inplace", name, cwd=folder / "notebooks")
+    assert "not answered yet" in (folder / "notebooks" / name).read_text(encoding="utf-8")
