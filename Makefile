@@ -10,7 +10,7 @@ endif
 # Packages of another tool (ROS sets PYTHONPATH) would shadow the pinned ones.
 unexport PYTHONPATH PYTHONHOME
 
-.PHONY: help compare lab solutions test test-all check venv clean
+.PHONY: help compare lab solutions test test-all bank check venv clean
 
 help: ## list the targets
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' Makefile
@@ -32,6 +32,9 @@ test: venv ## the test suite, in minutes
 
 test-all: venv ## the test suite with what takes longer
 	$(PY) -m pytest $(ARGS)
+
+bank: venv ## right and wrong answers through the checks, and their false alarms: about an hour on 2 idle cores
+	$(PY) tests/bank.py $(ARGS)
 
 check: venv ## lint, formatting and types
 	$(PY) -m ruff check .

@@ -2,8 +2,8 @@
 
     python tests/bank.py [--verdicts 40000] [--seeds 200] [--jobs 2] [--out results/bank]
 
-prints which check kills which mistake, runs every right answer of ``wheats`` over many seeds, measures the rate of false
-alarms on right code with a confidence bound, and writes all that to ``bank.md`` in the output folder.
+prints which check kills which mistake, runs every right answer of ``wheats`` over many seeds, measures the rate of
+false alarms on right code with a confidence bound, and writes all that to ``bank.md`` in the output folder.
 """
 
 import argparse
@@ -146,9 +146,8 @@ def main() -> int:
     say("", "False alarms on right code:", "", "| question | right code | verdicts | refused | 95 % bound | largest |")
     say("|---|---|---|---|---|---|")
     for rate in merged:
-        say(
-            f"| {rate.question} | {rate.what} | {rate.verdicts} | {rate.refused} | {rate.bound:.1e} | {rate.largest:.2f} |"
-        )
+        counts = f"{rate.verdicts} | {rate.refused} | {rate.bound:.1e} | {rate.largest:.2f}"
+        say(f"| {rate.question} | {rate.what} | {counts} |")
     fine &= all(rate.bound <= 1e-4 for rate in merged) or options.verdicts < 30_000
     say("", f"The bank took {(time.perf_counter() - begun) / 60:.0f} minutes with {options.jobs} workers.")
     return 0 if fine else 1

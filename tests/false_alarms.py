@@ -96,11 +96,15 @@ def _resample(x, w, rng, scheme):
 
 def of_filter(kind: str, question: str, verdicts: int, seed: int) -> Rate:
     """Count refusals of a right filter."""
-    problem, rng, start = worlds.quiet(), np.random.default_rng((seed, 1)), time.perf_counter()
-    right = limit(problem)
-    scores = [
-        filters.score(batch(problem, rng, filters.RUNS, filters.PARTICLES, kind), right)[0] for _ in range(verdicts)
-    ]
+    problem = worlds.lively() if kind == "rbpf" else worlds.quiet()
+    rng, start, right = np.random.default_rng((seed, 1)), time.perf_counter(), limit(problem)
+    scores = []
+    for _ in range(verdicts):
+        first = batch(problem, rng, filters.RUNS, filters.PARTICLES, kind)
+        worst = filters.score(first, right)[0]
+        if filters.doubtful(first, right):
+            worst = filters.score(batch(problem, rng, filters.MORE, filters.PARTICLES, kind), right)[0]
+        scores.append(worst / filters.BOUND)
     return _rate(question, kind, scores, start)
 
 

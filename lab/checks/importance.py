@@ -163,6 +163,13 @@ def _properly_weighted(
         reason = f"landmarks move by up to {strayed:.2g} m, although the model has no noise for them."
         hint = "Which components does the dynamics leave alone? A state that cannot be reached has no weight."
         return Verdict(question.key, False, reason, hint, "support-ignored")
+    free = np.setdiff1d(np.arange(len(cloud)), still)
+    moved = batches[0][0][free].reshape(len(free), PARENTS, CHILDREN)
+    if np.ptp(moved, axis=2).max() < STILL:
+        reason, hint = exact.in_words(["noise-shared"])
+        return Verdict(
+            question.key, False, f"{reason} Found: the children of a parent are equal.", hint, "noise-shared"
+        )
     if not any(np.isfinite(logs).any() for _, logs in batches):
         return Verdict(question.key, False, f"all log_increments are -inf, for {setting.label}.")
     score, where = _score(setting, batches)

@@ -240,7 +240,7 @@ QUESTIONS: tuple[Question, ...] = (
         "confidence_ellipse",
         "confidence_ellipse(mean, cov, n_points=100)",
         (Value("mean", "(2,)", "[m]"), Value("cov", "(2, 2)", "[m^2]"), Value("n_points", "int", "how many points")),
-        (Value("points", "(2, n_points)", "on the boundary, all around [m]"),),
+        (Value("points", "(2, n_points)", "on the boundary, once around, one after the other [m]"),),
         "first point, sense of rotation; (n_points, 2)",
     ),
     Question(

@@ -15,6 +15,7 @@ from lab.validation import Array
 
 Reader = Callable[[Any, Sequence[Any]], tuple[Array, ...]]
 IMPOSSIBLE = -1e8  # a log-density below it is that of an impossible state: exp gives 0 long before
+WIDEST = 1.2  # radians between neighbours on an ellipse, seen as a circle: half an ellipse leaves pi
 
 
 class Unreadable(Exception):
@@ -145,11 +146,11 @@ def ellipse(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
     centre = -0.5 * np.linalg.solve(conic, [d, e])
     level = 1 + centre @ conic @ centre
     shape = np.linalg.inv(conic) * level
-    angles = np.sort(
-        np.arctan2(*(np.linalg.solve(np.linalg.cholesky(shape), np.stack([x, y]) - centre[:, np.newaxis])))
-    )
-    if np.diff(np.r_[angles, angles[0] + 2 * np.pi]).max() > 2.5 * 2 * np.pi / (n_points - 1):
-        raise Unreadable("the points do not go all around the ellipse")
+    circle = np.linalg.solve(np.linalg.cholesky(shape), np.stack([x, y]) - centre[:, np.newaxis])
+    angles = np.arctan2(circle[1], circle[0])
+    steps = (np.diff(np.r_[angles, angles[0]]) + np.pi) % (2 * np.pi) - np.pi
+    if np.abs(steps).max() > WIDEST or abs(abs(steps.sum()) - 2 * np.pi) > 1e-6:
+        raise Unreadable("the points do not go once around the ellipse, one after the other")
     return (middle[:, 0] + size * centre, size**2 * shape)
 
 

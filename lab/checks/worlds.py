@@ -165,6 +165,13 @@ def quiet() -> Problem:
     return experiment(world, 28).problem
 
 
+@cache
+def lively() -> Problem:
+    """Return a short experiment on which even a Rao-Blackwellized filter has to resample."""
+    world = replace(scenario(3, 8, some(0, 2, 3, 0, 2), n_steps=5), landmark_cov=_leaning())
+    return experiment(replace(world, measurement_cov=0.3 * _loud()), 51).problem
+
+
 def _leaning() -> Array:
     """Return a prior of the landmarks whose blocks lean, each its own way."""
     cov = np.zeros((6, 6))

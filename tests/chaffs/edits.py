@@ -1,3 +1,4 @@
+# ruff: noqa: E501 - an edit repeats a line of code as it stands
 """Wrong answers, each one or two edits away from ``wheats/plain.py``, with the name of the mistake.
 
 An entry: question, key of the mistake, then pairs of text and its replacement within the functions of plain.py.
@@ -753,8 +754,8 @@ EDITS = [
     (
         "q10-filter",
         "not-random",
-        "robots, maps, cov, w = rbpf_step(\n            robots, maps, cov, w, noise",
-        "robots, maps, cov, w = rbpf_step(\n            robots, maps, cov, w, 0 * noise",
+        "rbpf_step(robots, maps, cov, w, noise",
+        "rbpf_step(robots, maps, cov, w, 0 * noise",
         "moved = model.F[:2, :2] @ robots + model.B[:2, None] + noise",
         "moved = model.F[:2, :2] @ robots + model.B[:2, None]",
     ),

@@ -175,6 +175,14 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "Why does a landmark become better known when another one is seen again?",
     ),
     "gain-transposed": ("a matrix in the gain is transposed", "Check K = P H' S^-1 factor by factor."),
+    "gain-before-prediction": (
+        "the gain is computed from the covariance before the prediction",
+        "Which covariance does the innovation at instant k have?",
+    ),
+    "noise-before-f": (
+        "the noise is added before F is applied, which turns it",
+        "Compare with x_k = F x_{k-1} + B + w_k: what does F multiply?",
+    ),
     # whole filters
     "late": (
         "measurements are read one instant late: z_{k-1} where z_k belongs",
@@ -261,6 +269,10 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "jitter-not-in-weights": (
         "the landmarks are jittered after the weights were computed: the weight belongs to another particle",
         "Which position of the landmark does the likelihood look at?",
+    ),
+    "jitter-undeclared": (
+        "landmarks move, although the model has no noise for them",
+        "Jitter changes the model. Declare it, as a keyword landmark_noise=STD of the filter, or leave it out.",
     ),
     "jitter-dropped": ("the jitter has no effect", "Landmarks move in this model."),
     "jitter-only-seen": ("only the landmarks that are seen are jittered", "Does a landmark know whether it is seen?"),

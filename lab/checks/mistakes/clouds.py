@@ -116,7 +116,7 @@ def steps() -> Mutants:
             ("wrong-b", lambda x, noise, model: recipes.moved(x, -noise, model)),
             ("f-omitted", lambda x, noise, model: x + noise),
             ("prediction-lost", lambda x, noise, model: x),
-            ("b-omitted", lambda x, noise, model: model.F @ (x + noise)),
+            ("noise-before-f", lambda x, noise, model: recipes.moved(x + noise, 0 * noise, model)),
         )
     ]
     found += [(key, build(combine=combine)) for key, combine in COMBINE]

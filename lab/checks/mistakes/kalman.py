@@ -85,6 +85,22 @@ def _swapped(step: Function) -> Function:
     return kalman_step
 
 
+def _early_gain(new_cov: Function) -> Function:
+    """Compute the gain with the covariance of k - 1, and S with either."""
+
+    def kalman_step(mean: Array, cov: Array, z: Array, H: Array, R: Array, model: Any) -> tuple[Array, Array]:
+        z, H, R = seen(z, H, R)
+        new, P = model.F @ mean + model.B, model.F @ cov @ model.F.T + model.Q
+        if not len(z):
+            return new, P
+        S = H @ P @ H.T + R
+        K = cov @ H.T @ np.linalg.inv(S)
+        nu = z - H @ new
+        return new + K @ nu, new_cov(P, K, H, S, nu)
+
+    return kalman_step
+
+
 def _retyped_Q(Q: Array) -> Array:
     return handout_model(len(Q) // 2 - 1).Q
 
@@ -127,6 +143,7 @@ def _steps(style: dict[str, Function]) -> Mutants:
         for key, wrong in (
             ("noise-omitted", lambda cov, model: model.F @ cov @ model.F.T),
             ("covariance-not-predicted", lambda cov, model: cov),
+            ("noise-before-f", lambda cov, model: model.F @ (cov + model.Q) @ model.F.T),
             ("covariance-not-predicted", lambda cov, model: cov + model.Q),
             ("f-transposed", lambda cov, model: model.F @ cov @ model.F + model.Q),
             ("f-transposed", lambda cov, model: model.F.T @ cov @ model.F + model.Q),
@@ -205,6 +222,8 @@ def _steps(style: dict[str, Function]) -> Mutants:
         ("prediction-lost", build(finish=lambda new, predicted, old: old)),
         ("no-prediction-when-blind", build(finish=_frozen)),
         ("update-before-prediction", _swapped(build())),
+        ("gain-before-prediction", _early_gain(short)),
+        ("gain-before-prediction", _early_gain(lambda P, K, H, S, nu: P - K @ S @ K.T)),
         ("covariance-not-predicted", build(predicted_cov=lambda cov, model: cov, new_cov=short)),
         ("mean-not-stored", build(finish=lambda new, predicted, old: (old[0], new[1]))),
         ("covariance-not-stored", build(finish=lambda new, predicted, old: (new[0], old[1]))),

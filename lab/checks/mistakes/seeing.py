@@ -157,6 +157,15 @@ def _at_most(count: int, *, else_nothing: bool) -> Any:
     return select
 
 
+def _at_least(count: int) -> Any:
+    def select(z: Array, H: Array, R: Array) -> Seen:
+        z, H, R = seen(z, H, R)
+        p = len(z) if len(z) >= 2 * count else 0
+        return z[:p], H[:p], R[:p, :p]
+
+    return select
+
+
 def _last_only(z: Array, H: Array, R: Array) -> Seen:
     z, H, R = seen(z, H, R)
     return z[-2:], H[-2:], R[-2:, -2:]
@@ -219,6 +228,7 @@ SELECT: tuple[tuple[str, Any], ...] = (
     ("cases-by-hand", _at_most(1, else_nothing=True)),
     ("cases-by-hand", _at_most(2, else_nothing=False)),
     ("cases-by-hand", _at_most(2, else_nothing=True)),
+    ("cases-by-hand", _at_least(2)),
     ("cases-by-hand", _last_only),
     ("cases-by-hand", _first_components),
     ("robot-ignored", _robot_ignored),
