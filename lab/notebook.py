@@ -19,7 +19,6 @@ from IPython.display import display
 
 import lab
 from lab.checks import QUESTIONS
-from lab.checks.stand_ins import stand_in
 from lab.plots.style import png_description, save_png
 from lab.validation import InputError
 
@@ -72,24 +71,6 @@ def scrub(draw: Draw, instants: Sequence[int], *, still: int) -> None:
         return frames[k]
 
     _show({**_slider(frame, instants, still), **frame(still)})
-
-
-def given(function: str) -> Callable[..., Any]:
-    """Return the laboratory's own answer to an earlier question, for an answer that builds on it.
-
-    Parameters
-    ----------
-    function : str
-        Name in the table of questions, such as "moments".
-
-    Raises
-    ------
-    InputError
-        No question asks for a function of this name.
-    """
-    if not any(question.function == function for question in QUESTIONS if question.function):
-        raise InputError(f"No question asks for a function named {function!r}.")
-    return stand_in(function)
 
 
 def save_answers(path: str | Path, functions: Sequence[Callable[..., Any]], *, imports: str) -> None:

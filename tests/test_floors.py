@@ -35,6 +35,7 @@ FLOORS = {
     "lab.checks": 5,
     "lab.release": 5,
     "lab.notebook": 5,
+    "lab.given": 5,
     "lab.ekfslam.app": 5,
     "lab.__main__": 5,
 }
@@ -44,6 +45,7 @@ SIDEWAYS = {
     "lab.plots": {"lab.compare"},  # a Comparison is a result
     "lab.theory": {"lab.solvers"},  # the laws of the proposals, and the exact moments
     "lab.cli": {"lab.sweep", "lab.findings", "lab.checks", "lab.release", "lab.ekfslam.app"},
+    "lab.given": {"lab.checks"},
     "lab.notebook": {"lab.checks"},  # which function belongs to which question
     "lab.__main__": {"lab.cli"},
 }

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lab import notebook, plots
+from lab import given, notebook, plots
 from lab.checks import check
-from lab.notebook import demonstration, given, picture, save_answers, scrub
+from lab.notebook import demonstration, picture, save_answers, scrub
 from lab.solvers import resolve
 from lab.validation import InputError
 
@@ -148,10 +148,12 @@ def test_a_mistake_in_an_answer_is_to_be_seen():
 
 
 def test_what_is_given_works_and_is_no_answer():
-    assert given("effective_sample_size")(np.full(4, 0.25)) == pytest.approx(4)
-    assert not check("q5", given("effective_sample_size")).passed
-    with pytest.raises(InputError, match="No question asks"):
-        given("eval")
+    assert given.effective_sample_size(np.full(4, 0.25)) == pytest.approx(4)
+    assert not check("q5", given.effective_sample_size).passed
+    with pytest.raises(ImportError):
+        from lab.given import eval  # noqa: F401
+    with pytest.raises(AttributeError, match="no question asks"):
+        _ = given.eval
 
 
 def test_saved_answers_are_a_solver(tmp_path):
