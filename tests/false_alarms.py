@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from lab.checks import filters, importance, schemes, worlds
+from lab.checks import filters, importance, running, schemes, unbiased, worlds
 from lab.checks.limits import limit
 
 
@@ -78,7 +78,7 @@ def batch(problem, rng, runs: int, P: int, kind: str):
         means[:, k] = (x @ w[..., np.newaxis])[..., 0]
         outer = means[:, k, :, np.newaxis] * means[:, k, np.newaxis]
         covs[:, k] = (x * w[:, np.newaxis]) @ x.swapaxes(1, 2) - outer + inner
-    return filters.Runs(means, covs, logs)
+    return unbiased.Runs(means, covs, logs)
 
 
 def _log_density(d, S):
@@ -100,11 +100,11 @@ def of_filter(kind: str, question: str, verdicts: int, seed: int) -> Rate:
     rng, start, right = np.random.default_rng((seed, 1)), time.perf_counter(), limit(problem)
     scores = []
     for _ in range(verdicts):
-        first = batch(problem, rng, filters.RUNS, filters.PARTICLES, kind)
-        worst = filters.score(first, right)[0]
-        if filters.doubtful(first, right):
-            worst = filters.score(batch(problem, rng, filters.MORE, filters.PARTICLES, kind), right)[0]
-        scores.append(worst / filters.BOUND)
+        first = batch(problem, rng, filters.RUNS, running.PARTICLES, kind)
+        worst = unbiased.score(first, right)[0]
+        if unbiased.doubtful(first, right):
+            worst = unbiased.score(batch(problem, rng, filters.MORE, running.PARTICLES, kind), right)[0]
+        scores.append(worst / unbiased.BOUND)
     return _rate(question, kind, scores, start)
 
 

@@ -137,7 +137,7 @@ def _in_child(task: tuple[Any, ...], limits: Limits) -> tuple[Verdict, tuple[str
             fields, uses, faults = near.recv()
             notes = (*fields.pop("notes"), *limits.inactive())
             return Verdict(**fields, notes=notes), uses, faults
-        reason = f"it did not come back within {limits.seconds:g} s, and was stopped."
+        reason = f"It did not come back within {limits.seconds:g} s, and was stopped."
     except (EOFError, OSError):
         child.join(5)
         reason = _how_it_died(child.exitcode)
@@ -149,8 +149,8 @@ def _in_child(task: tuple[Any, ...], limits: Limits) -> tuple[Verdict, tuple[str
 
 def _how_it_died(status: int | None) -> str:
     if status is not None and status < 0:
-        return f"the process that ran it was killed (signal {-status}): out of memory, or a crash in compiled code."
-    return f"it ended Python itself (status {status}) instead of returning."
+        return f"The process that ran it was killed (signal {-status}): out of memory, or a crash in compiled code."
+    return f"It ended Python itself (status {status}) instead of returning."
 
 
 def _end(child: Any) -> None:
@@ -187,7 +187,7 @@ def _work(
         try:
             answer = _judged(Submission(name, tuple(map(Path, files))), key, stand_ins)
         except MemoryError:
-            answer = (asdict(Verdict(key, False, f"it needs more than {limits.megabytes} MB of memory.")), (), ())
+            answer = (asdict(Verdict(key, False, f"It needs more than {limits.megabytes} MB of memory.")), (), ())
         connection.send(answer)
         connection.close()
         os.chdir(tempfile.gettempdir())
