@@ -18,9 +18,9 @@ from lab.problem import Problem
 from lab.result import Filtered
 from lab.validation import Array
 
-# The largest of about 225 t-statistics of a right filter is below DOUBTFUL nearly always; weights with long tails make
-# larger ones likelier than Student's law says, so that fresh runs are asked before anything is refused.
-DOUBTFUL, HOPELESS, BOUND = 4.5, 20.0, 7.0
+# The largest of about 225 t-statistics of a right filter is mostly below DOUBTFUL.  Weights with long tails make larger
+# ones likelier than Student's law says, so nothing is refused before fresh runs, many more, have exceeded BOUND.
+DOUBTFUL, BOUND = 4.5, 7.0
 EXACT = 1e-8  # m: rounding
 SLACK = 0.15  # of the log-evidence of k = 1, whose standard error is about 0.01
 HEALTHY = 0.3  # of the runs must carry weight, when they are compared with a mistake
@@ -70,8 +70,8 @@ def score(runs: Runs, target: Limit, weigh: bool = True) -> tuple[float, str]:
 
 
 def doubtful(runs: Runs, right: Limit) -> bool:
-    """Whether the first runs are neither clearly right nor hopeless."""
-    return DOUBTFUL < score(runs, right)[0] < HOPELESS
+    """Whether the first runs are not clearly right."""
+    return score(runs, right)[0] > DOUBTFUL
 
 
 def refused(runs: Runs, right: Limit) -> bool:
