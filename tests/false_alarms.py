@@ -1,35 +1,34 @@
-"""How often a right answer is refused by the random checks: many verdicts on batches of right filters.
+"""How often a right answer is refused by the random checks: many verdicts on batches of right code.
 
-A check of a filter makes dozens of short runs; 40 000 verdicts are millions of runs.  So right filters are written here
-for whole batches, all runs of a verdict at once, and their moments go through the statistic of the check itself.  The
-schemes and the importance function are batched likewise.  Read by ``bank.py``.
+A check of a filter makes dozens of short runs, thousands of verdicts are hundreds of thousands of runs.  So right
+filters are written here for whole batches, all runs of a verdict at once, and their moments go through the statistic
+of the check itself.  A refusal takes two stages with independent runs, so its rate is the product of two rates that
+can be measured. The schemes and the importance function are batched likewise.  Read by ``bank.py``.
 """
 
-import time
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from lab.checks import filters, importance, schemes, worlds
+from lab.checks import filters, importance, running, schemes, unbiased, worlds
 from lab.checks.limits import limit
 
 
-class Rate(NamedTuple):
-    """Refusals among verdicts on right code, with the largest statistic seen in units of its bound."""
+class Stage(NamedTuple):
+    """Verdicts of one stage of a check on right code: how many, how many exceed its bound, and the largest of them."""
 
     question: str
     what: str
+    stage: int
     verdicts: int
-    refused: int
+    exceeding: int
     largest: float
-    seconds: float
 
-    @property
-    def bound(self) -> float:
-        """Upper 95 % confidence bound of the rate (Clopper-Pearson)."""
-        return float(stats.beta.ppf(0.95, self.refused + 1, self.verdicts - self.refused))
+    def upper(self, level: float) -> float:
+        """Return the upper confidence bound of the rate (Clopper-Pearson)."""
+        return float(stats.beta.ppf(level, self.exceeding + 1, self.verdicts - self.exceeding))
 
 
 def batch(problem, rng, runs: int, P: int, kind: str):
@@ -78,7 +77,7 @@ def batch(problem, rng, runs: int, P: int, kind: str):
         means[:, k] = (x @ w[..., np.newaxis])[..., 0]
         outer = means[:, k, :, np.newaxis] * means[:, k, np.newaxis]
         covs[:, k] = (x * w[:, np.newaxis]) @ x.swapaxes(1, 2) - outer + inner
-    return filters.Runs(means, covs, logs)
+    return unbiased.Runs(means, covs, logs)
 
 
 def _log_density(d, S):
@@ -94,23 +93,18 @@ def _resample(x, w, rng, scheme):
         w[i] = 1 / P
 
 
-def of_filter(kind: str, question: str, verdicts: int, seed: int) -> Rate:
-    """Count refusals of a right filter."""
+def of_filter(kind: str, question: str, stage: int, verdicts: int, seed: int) -> Stage:
+    """Count how often a right filter exceeds the bound of a stage."""
     problem = worlds.lively() if kind == "rbpf" else worlds.quiet()
-    rng, start, right = np.random.default_rng((seed, 1)), time.perf_counter(), limit(problem)
-    scores = []
-    for _ in range(verdicts):
-        first = batch(problem, rng, filters.RUNS, filters.PARTICLES, kind)
-        worst = filters.score(first, right)[0]
-        if filters.doubtful(first, right):
-            worst = filters.score(batch(problem, rng, filters.MORE, filters.PARTICLES, kind), right)[0]
-        scores.append(worst / filters.BOUND)
-    return _rate(question, kind, scores, start)
+    rng, right = np.random.default_rng((seed, stage)), limit(problem)
+    runs = filters.RUNS if stage == 1 else filters.MORE
+    scores = [unbiased.score(batch(problem, rng, runs, running.PARTICLES, kind), right)[0] for _ in range(verdicts)]
+    return _stage(question, kind, stage, scores, unbiased.DOUBTFUL if stage == 1 else unbiased.BOUND)
 
 
-def of_scheme(kind: str, verdicts: int, seed: int) -> Rate:
+def of_scheme(kind: str, verdicts: int, seed: int) -> Stage:
     """Count refusals of a right resampling scheme, by the law of its counts over all the calls of a verdict."""
-    rng, start = np.random.default_rng((seed, 2)), time.perf_counter()
+    rng = np.random.default_rng((seed, 2))
     worst = np.zeros(verdicts)
     for weights in schemes._weights().values():
         law = _systematic if kind == "systematic" else _multinomial
@@ -118,7 +112,7 @@ def of_scheme(kind: str, verdicts: int, seed: int) -> Rate:
         gaps = np.abs(means - len(weights) * weights)
         bound = stats.norm.isf(schemes.TAIL) * np.maximum(deviations, 1e-3) / np.sqrt(schemes.CALLS)
         worst = np.maximum(worst, (gaps / bound).max(axis=1))
-    return _rate("q6-resample", kind, worst, start)
+    return _stage("q6-resample", kind, 1, worst, 1.0)
 
 
 def _systematic(weights, rng, calls, verdicts):
@@ -141,15 +135,16 @@ def _multinomial(weights, rng, calls, verdicts):
     return means, np.broadcast_to(np.sqrt(P * weights * (1 - weights)), means.shape)
 
 
-def of_importance(verdicts: int, seed: int) -> Rate:
-    """Count refusals of an inflated optimal importance function, whose weights vary."""
-    rng, start = np.random.default_rng((seed, 3)), time.perf_counter()
+def of_importance(stage: int, verdicts: int, seed: int) -> Stage:
+    """Count how often an inflated optimal importance function, whose weights vary, exceeds the bound of a stage."""
+    rng = np.random.default_rng((seed, 3, stage))
     tried = [setting for setting in importance.settings() if not setting.label.startswith("landmarks that move")]
     prepared = [(setting, *_prepared(setting)) for setting in tried]
+    size = importance.BATCHES if stage == 1 else importance.MORE
     scores = []
     for _ in range(verdicts):
-        scores.append(max(importance._score(setting, _inflated(rng, *rest))[0] for setting, *rest in prepared))
-    return _rate("q9", "inflated", scores, start)
+        scores.append(max(importance.score(setting, _inflated(rng, size, *rest))[0] for setting, *rest in prepared))
+    return _stage("q9", "inflated", stage, scores, importance.DOUBTFUL if stage == 1 else importance.BOUND)
 
 
 def _prepared(setting):
@@ -165,9 +160,9 @@ def _prepared(setting):
     return predicted, Q, 1.5 * (Q - K @ S @ K.T), H[:, :2], R, (innovation, K @ innovation)
 
 
-def _inflated(rng, predicted, Q, spread, H, R, middle):
-    step = rng.standard_normal((importance.BATCHES, 2, predicted.shape[1]))
-    moved = np.repeat(predicted[np.newaxis], importance.BATCHES, axis=0)
+def _inflated(rng, size, predicted, Q, spread, H, R, middle):
+    step = rng.standard_normal((size, 2, predicted.shape[1]))
+    moved = np.repeat(predicted[np.newaxis], size, axis=0)
     if spread is None:
         moved[:, :2] += np.linalg.cholesky(Q) @ step
         return list(zip(moved, np.zeros((len(moved), predicted.shape[1])), strict=True))
@@ -178,41 +173,46 @@ def _inflated(rng, predicted, Q, spread, H, R, middle):
     return list(zip(moved, logs, strict=True))
 
 
-def _rate(question, what, scores, start) -> Rate:
-    scores = np.array(scores)
-    return Rate(question, what, len(scores), int((scores > 1).sum()), float(scores.max()), time.perf_counter() - start)
+def _stage(question, what, stage, scores, bound) -> Stage:
+    scores = np.array(scores) / bound
+    return Stage(question, what, stage, len(scores), int((scores > 1).sum()), float(scores.max()))
 
 
-def jobs(verdicts: int) -> list[tuple[Callable[..., Rate], tuple]]:
+FILTERS = (("sis", "q4-filter"), ("sir", "q6-filter"), ("guided", "q9-filter"), ("rbpf", "q10-filter"))
+PIECES = 4
+
+
+def jobs(first: int, second: int, schemes_: int) -> list[tuple[Callable[..., Stage], tuple]]:
     """Return what is measured, as functions and arguments, in pieces."""
-    piece = max(1, verdicts // 8)
     found = []
-    for seed in range(8):
-        for kind, question in (
-            ("sis", "q4-filter"),
-            ("sir", "q6-filter"),
-            ("guided", "q9-filter"),
-            ("rbpf", "q10-filter"),
-        ):
-            found.append((of_filter, (kind, question, piece, seed)))
-        found.append((of_scheme, ("systematic", piece, seed)))
-        found.append((of_scheme, ("multinomial", piece, seed)))
-        found.append((of_importance, (piece, seed)))
+    for seed in range(PIECES):
+        for stage, verdicts in ((1, first // PIECES), (2, second // PIECES)):
+            found += [(of_filter, (kind, question, stage, verdicts, seed)) for kind, question in FILTERS]
+            found.append((of_importance, (stage, verdicts, seed)))
+        found += [(of_scheme, (kind, schemes_ // PIECES, seed)) for kind in ("systematic", "multinomial")]
     return found
 
 
-def merged(rates: list[Rate]) -> list[Rate]:
-    """Return one rate per question and kind."""
-    groups: dict[tuple[str, str], list[Rate]] = {}
-    for rate in rates:
-        groups.setdefault(rate[:2], []).append(rate)
+def merged(stages: list[Stage]) -> list[Stage]:
+    """Return one entry per question, right code and stage."""
+    groups: dict[tuple[str, str, int], list[Stage]] = {}
+    for stage in stages:
+        groups.setdefault(stage[:3], []).append(stage)
     return [
-        Rate(
-            *key,
-            sum(r.verdicts for r in g),
-            sum(r.refused for r in g),
-            max(r.largest for r in g),
-            sum(r.seconds for r in g),
-        )
+        Stage(*key, sum(s.verdicts for s in g), sum(s.exceeding for s in g), max(s.largest for s in g))
         for key, g in groups.items()
     ]
+
+
+def bounds(stages: list[Stage]) -> dict[tuple[str, str], float]:
+    """Return the 95 % bound of the rate of refusals: a refusal takes both stages, whose runs are independent.
+
+    The bound of the product is the product of bounds, each at 97.5 %.
+    """
+    found: dict[tuple[str, str], float] = {}
+    kinds = {(stage.question, stage.what) for stage in stages}
+    for key in sorted(kinds):
+        of_kind = [stage for stage in stages if (stage.question, stage.what) == key]
+        level = 0.95 if len(of_kind) == 1 else 0.975
+        found[key] = float(np.prod([stage.upper(level) for stage in of_kind]))
+    return found

@@ -171,7 +171,7 @@ def test_a_wrong_answer_stays_wrong_with_right_helpers(handed_in):
 def test_a_child_bears_everything(handed_in, tmp_path, body, words):
     path = handed_in("a.py", f"import numpy as np\ndef effective_sample_size(weights):\n{body}\n{MOMENTS}")
     verdicts = graded(path, "q5", "q4a", seconds=25.0)
-    assert words in verdicts["q5"].reason
+    assert words.lower() in verdicts["q5"].reason.lower()
     assert verdicts["q4a"].passed
     assert not (tmp_path / "left").exists()
 
@@ -181,7 +181,7 @@ def test_a_child_that_no_timer_stops_is_killed(handed_in, monkeypatch):
     monkeypatch.setattr(grading, "STARTING", 0.0)
     path = handed_in("a.py", "def effective_sample_size(weights):\n    return sum(iter(int, 1))\n")
     verdict = graded(path, "q5", seconds=15.0)["q5"]
-    assert verdict.reason == "it did not come back within 15 s, and was stopped."
+    assert verdict.reason == "It did not come back within 15 s, and was stopped."
 
 
 def test_a_submission_that_hangs_when_loaded(handed_in, monkeypatch):

@@ -5,13 +5,16 @@ those of random functions in `lab.checks.statistical`.
 """
 
 import inspect
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from lab.checks import exact, filters, guard, importance, schemes, studies
+from lab.checks.forms import forms
 from lab.checks.questions import CODE, Question, question_named
 from lab.checks.verdict import Verdict
+from lab.checks.words import ours, upper
 from lab.validation import InputError
 
 
@@ -41,12 +44,13 @@ def check(question: str, answer: Any) -> Verdict:
     if verdict is None:
         with np.errstate(all="ignore"):
             verdict = _examine(asked, answer)
-    notes = guard.limits()
-    return verdict if not notes else Verdict(**{**vars(verdict), "notes": (*verdict.notes, *notes)})
+    if not verdict.passed:
+        verdict = replace(verdict, reason=upper(verdict.reason))
+    return replace(verdict, notes=(*verdict.notes, *guard.limits()))
 
 
 def _examine(asked: Question, answer: Any) -> Verdict:
-    if asked.key in exact.forms():
+    if asked.key in forms():
         return exact.examine(asked, answer, guard.is_ours)
     if asked.key == "q6-resample":
         return schemes.examine(asked, answer, guard.is_ours)
@@ -77,7 +81,7 @@ def _at_first_sight(asked: Question, answer: Any) -> Verdict | None:
         return Verdict(asked.key, False, reason, f"Give the function itself, without calling it: {called}.")
     name = guard.of_the_laboratory(answer)
     if name:
-        return exact.ours(asked.key, name)
+        return ours(asked.key, name)
     try:
         signature = inspect.signature(answer)
     except (TypeError, ValueError):

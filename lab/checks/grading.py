@@ -11,10 +11,10 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lab.checks import guard, submission
 from lab.checks.questions import CODE, QUESTIONS, Question
@@ -53,6 +53,15 @@ class Graded:
         return all(verdict.passed for verdict in self.verdicts)
 
 
+class Answer(NamedTuple):
+    """What a child tells: the verdict, the other answers that this one uses, faults and statements that hung."""
+
+    verdict: Verdict
+    uses: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    hung: tuple[str, ...] = ()
+
+
 def questions_of(handed_in: Submission) -> list[Question]:
     """Return the questions that a submission is asked: those with code of every notebook that it touches.
 
@@ -88,41 +97,47 @@ def grade(
     limits = limits or Limits()
     files = tuple(str(file.resolve()) for file in handed_in.files)
 
-    def judge(question: Question, stand_ins: Iterable[str] = ()) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
-        answer = _in_child((handed_in.name, files, question.key, tuple(stand_ins), limits), limits)
+    hung = set[str]()  # statements: the first child waits for each, the others leave them out
+
+    def judge(question: Question, stand_ins: Iterable[str] = ()) -> Answer:
+        answer = _in_child((handed_in.name, files, question.key, tuple(stand_ins), tuple(hung), limits), limits)
+        hung.update(answer.hung)
         if on_done and not stand_ins and question in asked:
-            on_done(answer[0])
+            on_done(answer.verdict)
         return answer
 
     with ThreadPoolExecutor(max_workers=max(1, jobs)) as pool:
-        first = dict(zip([question.key for question in asked], pool.map(judge, asked), strict=True))
-        used = {name for question in asked if not first[question.key][0].passed for name in first[question.key][1]}
+        first = {asked[0].key: judge(asked[0])}
+        first |= dict(zip([question.key for question in asked[1:]], pool.map(judge, asked[1:]), strict=True))
+        used = {
+            name for question in asked if not first[question.key].verdict.passed for name in first[question.key].uses
+        }
         others = [question for question in QUESTIONS if question.function in used and question.key not in first]
         helping = dict(zip(others, pool.map(judge, others), strict=True))
-        failed = {question.function for question in asked if not first[question.key][0].passed}
-        failed |= {question.function for question, answer in helping.items() if not answer[0].passed}
+        failed = {question.function for question in asked if not first[question.key].verdict.passed}
+        failed |= {question.function for question, answer in helping.items() if not answer.verdict.passed}
         again = {}
         for question in asked:
-            verdict, uses, _ = first[question.key]
+            verdict, uses = first[question.key].verdict, first[question.key].uses
             helpers = sorted((failed & set(uses)) - {question.function})
             if helpers and not verdict.passed:
                 again[question.key] = (question, helpers)
         second = dict(zip(again, pool.map(lambda pair: judge(*pair), again.values()), strict=True))
     verdicts = []
     for question in asked:
-        verdict = first[question.key][0]
+        verdict = first[question.key].verdict
         if question.key in second:
             helpers = again[question.key][1]
-            verdict = second[question.key][0]
+            verdict = second[question.key].verdict
             note = f"judged with the laboratory's {', '.join(helpers)}, since that of the submission fails"
             verdict = replace(verdict, notes=(*verdict.notes, note))
         verdicts.append(verdict)
-    faults = next((answer[2] for answer in first.values() if answer[2]), ())
+    faults = first[asked[0].key].faults
     return Graded(handed_in.name, tuple(verdicts), faults)
 
 
-def _in_child(task: tuple[Any, ...], limits: Limits) -> tuple[Verdict, tuple[str, ...], tuple[str, ...]]:
-    """Run a task in a child; return the verdict, the answers that this one uses, and the faults of the submission."""
+def _in_child(task: tuple[Any, ...], limits: Limits) -> Answer:
+    """Run a task in a child."""
     methods = multiprocessing.get_all_start_methods()
     context: Any = multiprocessing.get_context("forkserver" if "forkserver" in methods else "spawn")
     if "forkserver" in methods:
@@ -134,23 +149,23 @@ def _in_child(task: tuple[Any, ...], limits: Limits) -> tuple[Verdict, tuple[str
     key = task[2]
     try:
         if near.poll(limits.seconds + STARTING):
-            fields, uses, faults = near.recv()
-            notes = (*fields.pop("notes"), *limits.inactive())
-            return Verdict(**fields, notes=notes), uses, faults
-        reason = f"it did not come back within {limits.seconds:g} s, and was stopped."
+            answer: Answer = near.recv()
+            notes = (*answer.verdict.notes, *limits.inactive())
+            return answer._replace(verdict=replace(answer.verdict, notes=notes))
+        reason = f"It did not come back within {limits.seconds:g} s, and was stopped."
     except (EOFError, OSError):
         child.join(5)
         reason = _how_it_died(child.exitcode)
     finally:
         near.close()
         _end(child)
-    return Verdict(key, False, reason, "Run the check of this question alone, in the notebook.", "died"), (), ()
+    return Answer(Verdict(key, False, reason, "Run the check of this question alone, in the notebook.", "died"))
 
 
 def _how_it_died(status: int | None) -> str:
     if status is not None and status < 0:
-        return f"the process that ran it was killed (signal {-status}): out of memory, or a crash in compiled code."
-    return f"it ended Python itself (status {status}) instead of returning."
+        return f"The process that ran it was killed (signal {-status}): out of memory, or a crash in compiled code."
+    return f"It ended Python itself (status {status}) instead of returning."
 
 
 def _end(child: Any) -> None:
@@ -172,6 +187,7 @@ def _work(
     files: tuple[str, ...],
     key: str,
     stand_ins: tuple[str, ...],
+    hung: tuple[str, ...],
     limits: Limits,
 ) -> None:
     """Load a submission and judge one answer: the child's whole life."""
@@ -185,32 +201,31 @@ def _work(
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # what a submission writes ends up here
         try:
-            answer = _judged(Submission(name, tuple(map(Path, files))), key, stand_ins)
+            answer = _judged(Submission(name, tuple(map(Path, files))), key, stand_ins, hung)
         except MemoryError:
-            answer = (asdict(Verdict(key, False, f"it needs more than {limits.megabytes} MB of memory.")), (), ())
+            answer = Answer(Verdict(key, False, f"It needs more than {limits.megabytes} MB of memory."))
         connection.send(answer)
         connection.close()
         os.chdir(tempfile.gettempdir())
 
 
-def _judged(
-    handed_in: Submission, key: str, stand_ins: tuple[str, ...]
-) -> tuple[dict[str, Any], tuple[str, ...], tuple[str, ...]]:
+def _judged(handed_in: Submission, key: str, stand_ins: tuple[str, ...], hung: tuple[str, ...]) -> Answer:
     from lab.checks.examination import check
     from lab.checks.questions import question_named
     from lab.checks.stand_ins import stand_in
 
-    loaded = submission.load(handed_in)
+    loaded = submission.load(handed_in, hung)
     for helper in stand_ins:
         loaded.scope[helper] = stand_in(helper)
     question = question_named(key)
     answer = loaded.answer(question.function)
     verdict = check(key, answer)
     names = {other.function for other in QUESTIONS if other.function}
-    told = [fault for fault in loaded.faults if question.function in fault]
+    told = [fault for fault in loaded.faults if question.function in fault or not loaded.own]
     if answer is None and told:
         verdict = replace(verdict, reason=f"{question.function} could not be run: {told[0]}")
-    return asdict(verdict), tuple(sorted(guard.used_names(answer) & names)), tuple(loaded.faults)
+    uses = tuple(sorted(guard.used_names(answer) & names))
+    return Answer(verdict, uses, tuple(loaded.faults), tuple(loaded.hung))
 
 
 def _limit_memory(megabytes: int) -> None:

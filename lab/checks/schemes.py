@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from lab.checks import exact, guard
+from lab.checks import guard
 from lab.checks.questions import Question
 from lab.checks.reading import Unreadable, like, plain
 from lab.checks.verdict import Verdict
+from lab.checks.words import edited, in_words, ours
 from lab.validation import Array
 
 CALLS, FEWEST, BUDGET = 20_000, 3_000, 8.0  # calls for each weights, and seconds for all
-TAIL = 1e-7  # one-sided, of the average offspring of one particle; there are 27
+TAIL = 1e-9  # one-sided, of the average offspring of one particle; there are 27
 NOISIER = 1.3  # times the multinomial's variance
 
 
@@ -83,7 +84,7 @@ def examine(
             found = f"particle {bad[0]} gets {means[bad[0]]:.3f} offspring on average over {n} calls"
             found += f" instead of {len(weights) * weights[bad[0]]:.3f}, for {label}"
             named = [name for name, e in _expected(weights).items() if not _off(counts, e)] or ["resampling-biased"]
-            reason, hint = exact.in_words(named)
+            reason, hint = in_words(named)
             return Verdict(key, False, f"{reason} Found: {found}.", hint, " ".join(named))
         multinomial = len(weights) * weights * (1 - weights)
         if counts.var(axis=0).sum() > NOISIER * multinomial.sum():
@@ -110,14 +111,14 @@ def _first(
         if isinstance(made.error, NotImplementedError):
             return Verdict(key, False, "the stub still raises NotImplementedError", answered=False)
         if made.ours:
-            return exact.ours(key, made.ours)
+            return ours(key, made.ours)
         if made.error is not None:
             return Verdict(key, False, f"{guard.describe(made.error, made.line)}.")
         if made.drew:
             reason = "random numbers are drawn from a global generator (numpy.random or random), not from rng."
             return Verdict(key, False, reason, "Every number comes from the argument rng.", "global-generator")
         if made.changed:
-            return Verdict(key, False, *exact.edited(made.changed), mistake="edits-arguments")
+            return Verdict(key, False, *edited(made.changed), mistake="edits-arguments")
         try:
             answers.append(read(made.value, (weights,))[0])
         except Unreadable as error:

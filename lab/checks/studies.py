@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from lab.checks import exact, guard, reading, reference, worlds
-from lab.checks.exact import ACCEPTED, close
+from lab.checks import guard, reading, reference, worlds
 from lab.checks.mistakes import small
+from lab.checks.naming import ACCEPTED, close
 from lab.checks.questions import Question
 from lab.checks.reading import Unreadable
 from lab.checks.verdict import Verdict
+from lab.checks.words import edited, in_words, ours
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import kalman
@@ -56,11 +57,11 @@ def examine(question: Question, study: Callable[..., Any], watch: Callable[[str,
     if isinstance(made.error, NotImplementedError):
         return Verdict(key, False, "the stub still raises NotImplementedError", answered=False)
     if made.ours:
-        return exact.ours(key, made.ours)
+        return ours(key, made.ours)
     if made.error is not None:
         return Verdict(key, False, f"{guard.describe(made.error, made.line, SECONDS)}.")
     if made.changed:
-        return Verdict(key, False, *exact.edited(made.changed), mistake="edits-arguments")
+        return Verdict(key, False, *edited(made.changed), mistake="edits-arguments")
     try:
         (value,) = reading.several(made.value, ["table"])
         table = reading.shaped("table", reading.number_of("table", value), (len(SIZES), 3), "(len(sizes), 3)")
@@ -79,7 +80,7 @@ def _judge(key: str, table: Array, recorder: Recorder) -> Verdict:
         if len(found) != RUNS:
             return Verdict(key, False, f"the solver ran {len(found)} times with P = {size}, not {RUNS} times.")
         if len({answer.means.tobytes() for answer in found}) < RUNS:
-            reason, hint = exact.in_words(["same-numbers"])
+            reason, hint = in_words(["same-numbers"])
             return Verdict(key, False, f"{reason} Found: runs with P = {size} are equal.", hint, "same-numbers")
     gaps = np.array([[reference.mean_gap(found, recorder.exact) for found in by_size[size]] for size in SIZES])
     means, errors = gaps.mean(axis=1), gaps.std(axis=1, ddof=1) / np.sqrt(RUNS)
@@ -92,7 +93,7 @@ def _judge(key: str, table: Array, recorder: Recorder) -> Verdict:
     if mean_right:
         deviations = (gaps.std(axis=1, ddof=1), gaps.std(axis=1), gaps.var(axis=1), gaps.var(axis=1, ddof=1))
         if any(close(table[:, 2], d, ACCEPTED) for d in deviations):
-            reason, hint = exact.in_words(["deviation-for-error"])
+            reason, hint = in_words(["deviation-for-error"])
             return Verdict(key, False, reason, hint, "deviation-for-error")
         return Verdict(key, False, "the mean gaps are right, their standard errors are not.")
     named = []
@@ -101,7 +102,7 @@ def _judge(key: str, table: Array, recorder: Recorder) -> Verdict:
         if close(table[:, 1], values.mean(axis=1), 1e-8):
             named.append(mistake)
     if named:
-        reason, hint = exact.in_words(list(dict.fromkeys(named)))
+        reason, hint = in_words(list(dict.fromkeys(named)))
         return Verdict(key, False, reason, hint, " ".join(dict.fromkeys(named)))
     hint = "Compare with mean_gap of question 8, averaged over the runs; the reference is the exact filter."
     return Verdict(key, False, "the mean gaps are not those of the runs that were made.", hint)

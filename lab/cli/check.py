@@ -98,12 +98,17 @@ def _print_verdicts(graded: "Graded") -> None:
 
 
 def _print_summary(graded: "Graded") -> None:
-    """Print a line per submission, and below it one per question that did not pass."""
+    """Print a line per submission, and below it what did not pass, what is missing, and what could not be run."""
     typer.echo(f"{graded.name}: {_sum(graded)}")
     for verdict in graded.verdicts:
-        if not verdict.passed:
+        if not verdict.passed and verdict.answered:
             named = f" ({verdict.mistake})" if verdict.mistake else ""
             typer.echo(f"    {verdict.question}: {verdict.status}{named}")
+    missing = [verdict.question for verdict in graded.verdicts if not verdict.answered]
+    if missing:
+        typer.echo(f"    not answered yet: {', '.join(missing)}")
+    if graded.faults:
+        typer.echo(f"    could not be run: {len(graded.faults)} part(s), the first: {graded.faults[0]}")
 
 
 def _sum(graded: "Graded") -> str:
