@@ -219,6 +219,26 @@ def test_edited_arguments_are_named():
     assert "edits its argument particles in place" in with_lab_calls_allowed.reason
 
 
+def test_nothing_that_a_function_does_to_a_problem_stays():
+    """The checks share their worlds: an answer that breaks into one must not spoil it for the next."""
+
+    def breaks_in(problem):
+        for array in (problem.z, problem.H, problem.R, problem.model.m0):
+            array.flags.writeable = True
+            array[:] = 7
+        object.__setattr__(problem, "z", problem.z[:3])
+        return reference.kalman_filter(problem)
+
+    assert not exact.examine(CODES["q1d-filter"], breaks_in, lambda module, name: False).passed
+    assert exact.examine(CODES["q1d-filter"], reference.kalman_filter, lambda module, name: False).passed
+
+    def edits(filtered, exact_answer):
+        filtered.means[1:] -= exact_answer.means[1:]
+        return np.sqrt(np.mean((filtered.means[1:] / exact_answer.stds[1:]) ** 2))
+
+    assert "edits its argument filtered in place" in check("q8-gap", edits).reason
+
+
 def test_prints_and_global_draws_leave_no_trace(capsys):
     def noisy(weights):
         print("debugging")

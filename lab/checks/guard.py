@@ -201,6 +201,7 @@ def data_names(answer: Callable[..., Any]) -> list[str]:
     return list(found)
 
 
+_TYPES = {"Problem", "LinearGaussianModel", "Filtered"}
 _DATA = {"Experiment", "Problem", "LinearGaussianModel", "Simulation"}
 
 
@@ -255,9 +256,17 @@ def _has_timer() -> bool:
 
 
 def _copied(value: Any) -> Any:
-    """Return a copy of arrays (writable where they were) and generators; types of the laboratory are read-only."""
+    """Return a copy of arrays, generators and the laboratory's types, which are shared by many checks."""
     if isinstance(value, np.ndarray):
         return value.copy()
+    if type(value).__name__ in _TYPES:
+        twin = object.__new__(type(value))
+        for name, part in vars(value).items():
+            copied = _copied(part)
+            if isinstance(copied, np.ndarray):
+                copied.flags.writeable = part.flags.writeable  # read-only stays read-only
+            twin.__dict__[name] = copied
+        return twin
     if isinstance(value, np.random.Generator | list | dict):
         return copy.deepcopy(value)
     return value
@@ -266,6 +275,8 @@ def _copied(value: Any) -> Any:
 def _same(old: Any, new: Any) -> bool:
     if isinstance(old, np.ndarray):
         return bool(old.shape == new.shape and np.array_equal(old, new, equal_nan=True))
+    if type(old).__name__ in _TYPES:
+        return all(name in vars(new) and _same(part, vars(new)[name]) for name, part in vars(old).items())
     return isinstance(old, np.random.Generator) or not isinstance(old, list | dict) or bool(old == new)
 
 
