@@ -10,7 +10,7 @@ endif
 # Packages of another tool (ROS sets PYTHONPATH) would shadow the pinned ones.
 unexport PYTHONPATH PYTHONHOME
 
-.PHONY: help compare lab test test-all check venv clean
+.PHONY: help compare lab solutions test test-all bank check venv clean
 
 help: ## list the targets
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' Makefile
@@ -24,11 +24,17 @@ compare: venv ## particle filters against the exact Kalman filter; tables and fi
 lab: venv ## open the notebooks in JupyterLab
 	$(PY) -m jupyter lab notebooks $(ARGS)
 
+solutions: venv ## run the solutions, store their outputs, derive the students' notebooks
+	$(PY) -m lab release --execute $(ARGS)
+
 test: venv ## the test suite, in minutes
 	$(PY) -m pytest -m "not long" -n auto $(ARGS)
 
 test-all: venv ## the test suite with what takes longer
 	$(PY) -m pytest -n auto $(ARGS)
+
+bank: venv ## right and wrong answers through the checks, and their false alarms: about an hour on 2 idle cores
+	$(PY) tests/bank.py $(ARGS)
 
 check: venv ## lint, formatting and types
 	$(PY) -m ruff check .

@@ -2,15 +2,18 @@
 
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 
 import typer
 from typer import TyperException
 
 import lab
+from lab.cli.check import check
 from lab.cli.compare import compare
 from lab.cli.ekf_slam import ekf_slam
 from lab.cli.forecast import forecast
 from lab.cli.output import RunError, Stopped
+from lab.cli.release import release
 from lab.cli.run import run
 from lab.cli.simulate import simulate
 from lab.validation import InputError
@@ -28,6 +31,9 @@ app.command()(run)
 app.command()(compare)
 app.command()(forecast)
 app.command()(ekf_slam)
+app.command()(check)
+if find_spec("lab.release"):  # the students' copy of the laboratory has none
+    app.command()(release)
 
 
 def _show_version(wanted: bool) -> None:

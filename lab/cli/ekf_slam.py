@@ -112,25 +112,22 @@ def _check(filter: str, sensor: str, settings: "Settings", perturb: str, animate
 
 
 def _animate(found: "Demo", path: Path) -> None:
-    from lab.cli.output import progress_display
     from lab.plots.slam import save_animation
+    from lab.progress import progress_bar
 
-    with progress_display() as progress:
-        bar = progress.add_task("animating")
-        save_animation(
-            found.runs[0], path, on_frame=lambda done, total: progress.update(bar, completed=done, total=total)
-        )
+    with progress_bar("animating", 1) as advance:
+        save_animation(found.runs[0], path, on_frame=lambda _, total: advance(1 / total))
 
 
 def _run(filter: str, sensor: str, settings: "Settings", perturb: str, runs: int, seed: int, jobs: int) -> "Demo":
     """Run behind a progress bar; a worker that dies takes the demo with it."""
     from concurrent.futures.process import BrokenProcessPool
 
-    from lab.cli.output import RunError, progress_display
+    from lab.cli.output import RunError
     from lab.ekfslam import app
+    from lab.progress import progress_bar
 
-    with progress_display() as progress:
-        bar = progress.add_task("mapping", total=runs)
+    with progress_bar("mapping", runs) as advance:
         try:
             return app.demo(
                 filter,
@@ -140,7 +137,7 @@ def _run(filter: str, sensor: str, settings: "Settings", perturb: str, runs: int
                 runs=runs,
                 seed=seed,
                 jobs=jobs,
-                on_done=lambda: progress.advance(bar),
+                on_done=lambda: advance(1),
             )
         except BrokenProcessPool:
             raise RunError("a worker process died: it was killed or ran out of memory; nothing is written.") from None

@@ -133,20 +133,24 @@ def _run(kind: str, path: Path, choices: "Choices") -> "tuple[Loaded, Outcome, d
     """Read and replay behind a progress bar; return what the input files were, too."""
     import time
 
-    from lab.cli.output import RunError, fingerprints, progress_display
+    from lab.cli.output import RunError, fingerprints
     from lab.ekfslam import app_data
+    from lab.progress import progress_bar
 
     started = time.perf_counter()
-    with progress_display() as progress:
-        reading = progress.add_task("reading", total=None)
+    with progress_bar("reading"):
         loaded = app_data.load(kind, path, choices)
         inputs = fingerprints(_files(path, choices.reference))
-        progress.remove_task(reading)
-        bar = progress.add_task("mapping", total=loaded.steps)
+    with progress_bar("mapping", loaded.steps) as advance:
+        shown = 0
+
+        def show(done: int) -> None:
+            nonlocal shown
+            advance(done - shown)
+            shown = done
+
         try:
-            outcome = app_data.run(
-                loaded, choices, started=started, on_step=lambda done: progress.update(bar, completed=done)
-            )
+            outcome = app_data.run(loaded, choices, started=started, on_step=show)
         except app_data.Breakdown as error:
             raise RunError(f"{error}; nothing is written.") from None
     return loaded, outcome, inputs

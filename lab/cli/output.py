@@ -12,15 +12,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
 import lab
 from lab.validation import InputError
-
-if TYPE_CHECKING:
-    from rich.progress import Progress
 
 CONFIG = "config.json"
 PROGRAM = "slam-lab"
@@ -40,15 +37,6 @@ def console() -> Console:
     """Return a console for standard output: as wide as the terminal, or as its contents where there is none."""
     out = Console(highlight=False)
     return out if out.is_terminal else Console(highlight=False, width=UNBOUNDED)
-
-
-def progress_display() -> "Progress":
-    """Return a progress display on standard error, silent when that is no terminal."""
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    errors = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=errors, transient=True, disable=not errors.is_terminal)
 
 
 @contextmanager

@@ -72,26 +72,27 @@ def print_forecast(
     """Print degeneracy and the particles that it takes per proposal, and the bootstrap filter's predicted error."""
     when = [f"k = {k}" for k in instants]
     console().print("log10 of the limiting ESS/N when nothing is resampled")
-    _print_rows(
+    print_rows(
         ["proposal", *when], [[name, *(f"{round(v[k], 1) + 0:.1f}" for k in instants)] for name, v in forecasts.items()]
     )
     _print_lines([f"Particles for an ESS of {ess:g} without resampling"])
-    _print_rows(["proposal", *when], [[name, *(_power(v[k]) for k in instants)] for name, v in needed.items()])
+    print_rows(["proposal", *when], [[name, *(_power(v[k]) for k in instants)] for name, v in needed.items()])
     _print_lines(["Error of the bootstrap filter's mean, multinomial resampling at every step [exact std, rms]"])
     rows = [[f"N = {size}", *(_cell(v[k], math.nan, 2) for k in instants)] for size, v in errors.items()]
     rows.append(["holds from N =", *(_power(math.log10(max(bootstrap[k], 1))) for k in instants)])
-    _print_rows(["", *when], rows)
+    print_rows(["", *when], rows)
     _print_lines(["With systematic or ESS-triggered resampling the error is usually smaller; that is no theorem."])
 
 
 def print_slam(title: str, rows: Sequence[Sequence[str]], lines: Sequence[str]) -> None:
     """Print errors as they are and aligned, and the verdict below."""
     console().print(title, markup=False)
-    _print_rows(["", "as it is", "aligned"], rows)
+    print_rows(["", "as it is", "aligned"], rows)
     _print_lines(lines)
 
 
-def _print_rows(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+def print_rows(headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows under their headers."""
     _print_table(zip(headers, *rows, strict=True))
 
 

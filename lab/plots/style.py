@@ -6,7 +6,7 @@ of Okabe and Ito in an order whose greys differ.  Axes name their unit in bracke
 
 import re
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -73,9 +73,24 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def save_png(figure: Figure, path: Path, description: str) -> None:
-    """Write a figure as PNG with a description inside, for those who cannot see it."""
-    figure.savefig(path, format="png", dpi=RESOLUTION, metadata={"Description": description})
+def save_png(figure: Figure, path: Path | IO[bytes], description: str, resolution: int = RESOLUTION) -> None:
+    """Write a figure as PNG, to a path or an open file, with a description inside for those who cannot see it."""
+    figure.savefig(path, format="png", dpi=resolution, metadata={"Description": description})
+
+
+def png_description(data: bytes) -> str:
+    """Return the description that `save_png` put into a PNG; empty where there is none.
+
+    A PNG is an 8-byte signature and chunks of length, type, content and checksum; plain text stands in tEXt chunks.
+    """
+    place = 8
+    while place + 8 <= len(data):
+        length, kind = int.from_bytes(data[place : place + 4], "big"), data[place + 4 : place + 8]
+        key, _, text = data[place + 8 : place + 8 + length].partition(b"\0")
+        if kind == b"tEXt" and key == b"Description":
+            return text.decode("latin-1")
+        place += length + 12
+    return ""
 
 
 def component_names(n: int) -> list[str]:

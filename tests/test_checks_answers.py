@@ -1,0 +1,346 @@
+"""The checks as a student meets them: right answers pass, wrong ones are named, whatever else a function does."""
+
+import time
+
+import numpy as np
+import pytest
+from bank import CODES, RANDOM, chaff, chaffs, verdict_on_chaff, verdict_on_wheat, wheats
+
+from lab import weights as lab_weights
+from lab.checks import Verdict, check, exact, forms, naming, reference, worlds
+from lab.checks.inputs import cases
+from lab.checks.mistakes import CATALOGUE, mutants
+from lab.result import Filtered
+from lab.solvers import kalman
+from lab.validation import InputError
+
+EXACT = [key for key in CODES if key in forms.forms()]
+QUICK = [wheat for wheat in wheats() if wheat[1] not in RANDOM]
+# of the random ones, the rest is run by the bank
+SLOW = [wheat for wheat in wheats() if wheat[1] in RANDOM and wheat[0] in ("plain.py", "rows.py", "resamples_last.py")]
+WRONG = [entry for entry in chaffs() if entry[1] not in RANDOM]
+WRONG_RANDOM = [entry for entry in chaffs() if entry[1] in RANDOM]
+
+
+@pytest.mark.parametrize(("name", "key"), [*QUICK, *SLOW])
+def test_right_answers_pass(name, key):
+    verdict = verdict_on_wheat(name, key)
+    assert verdict.passed, verdict
+    assert verdict.reason.startswith("public checks passed (")
+    assert "correct" not in str(verdict)
+
+
+def test_the_bank_is_large_enough():
+    assert len({name for name, _ in wheats()}) >= 15
+    assert len(CATALOGUE) >= 45
+    assert {key for _, key in wheats()} == set(CODES)
+    named = {mistake for *_, mistake in chaffs() if mistake}
+    assert len(named) >= 45
+
+
+@pytest.mark.parametrize("key", sorted({key for _, key, _ in WRONG}))
+def test_wrong_answers_are_refused_and_named(key):
+    unnamed = []
+    for number, question, mistake in WRONG:
+        if question == key:
+            verdict = verdict_on_chaff(number, key)
+            assert not verdict.passed, (number, mistake)
+            assert verdict.answered
+            if mistake and mistake not in verdict.mistake.split():
+                unnamed.append((number, mistake, verdict.mistake))
+            if verdict.mistake:
+                assert verdict.hint
+    assert not unnamed
+
+
+@pytest.mark.parametrize(("number", "key", "mistake"), WRONG_RANDOM[::6])
+def test_wrong_random_answers_are_refused(number, key, mistake):
+    verdict = verdict_on_chaff(number, key)
+    assert not verdict.passed
+    assert mistake in (*verdict.mistake.split(), "")
+
+
+@pytest.mark.parametrize("key", EXACT)
+def test_every_mutant_differs_from_the_right_answer(key):
+    """Else its mistake could not be found, or a right answer would be called by its name."""
+    right = naming.right_results(key)[0]
+    tolerant = [
+        mistake
+        for number, (mistake, _) in enumerate(mutants(key))
+        if all(naming.same(naming.of_mutant(key, number, i), right[i], naming.ACCEPTED) for i in range(len(right)))
+    ]
+    assert not tolerant
+    assert {mistake for mistake, _ in mutants(key)} <= set(CATALOGUE)
+
+
+def test_the_reference_steps_against_the_laboratory():
+    """The one Kalman step and the particle steps are held against filters that share no line with them."""
+    for problem in worlds.problems().values():
+        means, covs = reference.kalman_filter(problem)
+        expected = kalman(problem)
+        np.testing.assert_allclose(means, expected.means, atol=1e-9)
+        np.testing.assert_allclose(covs, expected.covs, atol=1e-9)
+
+
+def test_the_reference_densities_against_scipy():
+    from scipy.stats import multivariate_normal as normal
+
+    for case in cases("q2c"):
+        z, particles, H, R = case.calls[0]
+        seen = ~np.isnan(z)
+        if seen.any():
+            expected = normal.logpdf((z[seen, None] - H[seen] @ particles).T, cov=R[seen][:, seen])
+            np.testing.assert_allclose(reference.log_likelihood(z, particles, H, R), expected, rtol=1e-10)
+    for case in cases("q2a"):
+        for x, model in case.calls:
+            expected = normal.logpdf(x, model.m0, model.P0, allow_singular=True)
+            assert reference.log_prior(x, model) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_reference_moments_against_numpy():
+    for case in cases("q4a"):
+        particles, w = case.calls[0]
+        mean, cov = reference.moments(particles, w)
+        np.testing.assert_allclose(mean, lab_weights.moments(particles, w)[0])
+        np.testing.assert_allclose(cov, np.cov(particles, aweights=w, ddof=0), atol=1e-12)
+
+
+def test_an_rbpf_step_against_a_kalman_filter_of_a_single_particle():
+    """A particle's landmarks are those of a Kalman filter whose robot is known."""
+    robots, means, cov, w, noise, z, H, R, model = cases("q10-step")[1].calls[0]
+    moved, maps, left, weights = reference.rbpf_step(robots, means, cov, w, noise, z, H, R, model)
+    seen = ~np.isnan(z)
+    for i in range(3):
+        P = np.zeros((len(model.m0), len(model.m0)))
+        P[2:, 2:] = cov
+        x = np.append(moved[:, i], means[:, i])
+        S = H[seen] @ P @ H[seen].T + R[seen][:, seen]
+        K = P @ H[seen].T @ np.linalg.inv(S)
+        np.testing.assert_allclose((x + K @ (z[seen] - H[seen] @ x))[2:], maps[:, i])
+        np.testing.assert_allclose((P - K @ S @ K.T)[2:, 2:], left, atol=1e-12)
+    assert weights.sum() == pytest.approx(1)
+
+
+# what a function may do beside answering
+
+
+def ess(weights):
+    return 1 / np.sum(weights**2)
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (lambda w: None, "nothing comes back (None): is there a return at the end?"),
+        (lambda w: "7", "ess holds text, not real numbers"),
+        (lambda w: 1j, "ess holds complex numbers, not real numbers"),
+        (lambda w: w > 0, "ess holds truth values, not real numbers"),
+        (lambda w: [[1, 2], [3]], "no rectangular array of numbers"),
+        (lambda w: {"ess": 3}, "ess is a dict, not an array of numbers"),
+        (lambda w: np.ma.masked_array([1.0]), "ess is a masked array: return a plain one"),
+        (lambda w: np.float32(1 / np.sum(w**2)), "ess is computed in float32"),
+        (lambda w: w, "ess has shape (17,) where () = () is asked for"),
+        (lambda w: np.nan, "ess holds NaN"),
+        (lambda w: 1 / 0, "raises ZeroDivisionError: division by zero"),
+        (lambda w: absent, "name 'absent' is not defined"),  # noqa: F821
+        (lambda w: sys_exit(), "it leaves Python (SystemExit) instead of returning"),
+        (lambda w: forever(), "it calls itself without end (RecursionError)"),
+        (lambda w: lab_weights.ess(w), "the answer calls lab.weights.ess: that is the laboratory's own"),
+        (lab_weights.ess, "the answer calls lab.weights.ess"),
+        (3, "the answer is an int, not a function"),
+        (ess(np.ones(3) / 3), "the answer is a float64, not a function"),
+        (lambda: 3, "is called as effective_sample_size(weights): too many positional arguments"),
+        (lambda w, threshold: 3, "missing a required argument: 'threshold'"),
+    ],
+)
+def test_each_way_to_fail_has_its_sentence(answer, words):
+    verdict = check("q5", answer)
+    assert not verdict.passed
+    assert verdict.answered
+    assert words.lower() in verdict.reason.lower()
+
+
+def sys_exit():
+    raise SystemExit
+
+
+def forever():
+    return forever()
+
+
+@pytest.mark.parametrize("answer", [None, ...])
+def test_no_answer_is_not_a_wrong_one(answer):
+    verdict = check("q5", answer)
+    assert (verdict.passed, verdict.answered, verdict.status) == (False, False, "not answered yet")
+
+
+@pytest.mark.parametrize("key", CODES)
+def test_a_stub_is_not_answered_yet(key):
+    scope = {}
+    exec(f"def {CODES[key].call}:\n    raise NotImplementedError", scope)
+    verdict = check(key, scope[CODES[key].function])
+    assert verdict.status == "not answered yet"
+    assert "NotImplementedError" in verdict.reason
+
+
+def test_a_function_that_hangs_is_stopped(monkeypatch):
+    monkeypatch.setattr(exact, "SECONDS", 0.3)
+    monkeypatch.setattr(forms, "SECONDS", 0.3)
+
+    def hangs(weights):
+        while True:
+            try:  # noqa: SIM105
+                time.sleep(0.01)
+            except Exception:
+                pass
+
+    start = time.monotonic()
+    verdict = check("q5", hangs)
+    assert "did not come back within 0.3 s" in verdict.reason
+    assert time.monotonic() - start < 5
+
+
+def test_a_platform_without_a_timer_is_named(monkeypatch):
+    from lab.checks import guard
+
+    monkeypatch.setattr(guard, "_has_timer", lambda: False)
+    verdict = check("q5", ess)
+    assert verdict.passed
+    assert "time limit of 20 s is inactive here" in verdict.notes[0]
+    assert "Note: the time limit" in str(verdict)
+
+
+def test_edited_arguments_are_named():
+    def step(particles, weights, noise, z, H, R, model):
+        particles += noise
+        return reference.sis_step(particles - noise, weights, noise, z, H, R, model)
+
+    with_lab_calls_allowed = exact.examine(CODES["q4-step"], step, lambda module, name: False)
+    assert "edits its argument particles in place" in with_lab_calls_allowed.reason
+
+
+def test_nothing_that_a_function_does_to_a_problem_stays():
+    """The checks share their worlds: an answer that breaks into one must not spoil it for the next."""
+
+    def breaks_in(problem):
+        for array in (problem.z, problem.H, problem.R, problem.model.m0):
+            array.flags.writeable = True
+            array[:] = 7
+        object.__setattr__(problem, "z", problem.z[:3])
+        return reference.kalman_filter(problem)
+
+    assert not exact.examine(CODES["q1d-filter"], breaks_in, lambda module, name: False).passed
+    assert exact.examine(CODES["q1d-filter"], reference.kalman_filter, lambda module, name: False).passed
+
+    def edits(filtered, exact_answer):
+        filtered.means[1:] -= exact_answer.means[1:]
+        return np.sqrt(np.mean((filtered.means[1:] / exact_answer.stds[1:]) ** 2))
+
+    assert "edits its argument filtered in place" in check("q8-gap", edits).reason
+
+
+def test_prints_and_global_draws_leave_no_trace(capsys):
+    def noisy(weights):
+        print("debugging")
+        np.random.seed(3)  # noqa: NPY002
+        return 1 / np.sum(weights**2)
+
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    verdict = check("q5", noisy)
+    assert verdict.passed
+    assert "prints" in verdict.hint
+    assert "global random generator" in verdict.hint
+    assert capsys.readouterr().out == ""
+    assert np.array_equal(np.random.get_state()[1], before)  # noqa: NPY002
+
+
+def test_the_notebooks_data_are_named():
+    scope = {"np": np, "X": np.zeros((12, 50)), "__name__": "notebook"}
+    source = chaff_source_with_truth()
+    exec(source, scope)
+    verdict = check("q1d-step", scope["kalman_step"])
+    assert verdict.mistake == "true-state"
+
+
+def chaff_source_with_truth():
+    return """
+def kalman_step(mean, cov, z, H, R, model):
+    mean = model.F @ mean + model.B
+    cov = model.F @ cov @ model.F.T + model.Q
+    ok = ~np.isnan(z)
+    if ok.any():
+        n = min(len(mean), len(X))
+        S = H[ok] @ cov @ H[ok].T + R[ok][:, ok]
+        K = cov @ H[ok].T @ np.linalg.inv(S)
+        mean = mean + K @ (z[ok] - H[ok][:, :n] @ X[:n, 3])
+        cov = cov - K @ S @ K.T
+    return mean, cov
+"""
+
+
+def test_two_mistakes_that_agree_are_both_named():
+    number = next(n for n, key, mistake in chaffs() if (key, mistake) == ("q6-step", "particles-not-resampled"))
+    verdict = check("q6-step", chaff(number))
+    assert set(verdict.mistake.split()) == {"particles-not-resampled", "uniform-choice"}
+    assert verdict.reason.startswith("Either ")
+
+
+def test_texts_are_not_checked():
+    with pytest.raises(InputError, match="q1a asks for a text, which a person reads and marks"):
+        check("q1a", "because")
+
+
+# filters
+
+
+def test_an_exact_filter_is_no_particle_filter():
+    def sis(problem, rng, *, n_particles):
+        means, covs = [problem.model.m0], [problem.model.P0]
+        for _ in range(1, problem.n_instants):
+            means.append(means[-1])
+            covs.append(covs[-1])
+        return Filtered(np.array(means), np.array(covs), np.zeros(len(means)))
+
+    assert check("q4-filter", sis).mistake == "not-random"
+
+
+def test_a_filter_of_the_laboratory_is_recognised():
+    from lab import solvers
+
+    def sir(problem, rng, *, n_particles):
+        return solvers.sir(problem, rng, n_particles=n_particles)
+
+    assert check("q6-filter", sir).mistake == "calls-the-lab"
+    assert check("q6-filter", solvers.sir).mistake == "calls-the-lab"
+
+
+def test_a_wrong_type_of_result_is_named():
+    def sis(problem, rng, *, n_particles):
+        return rng.random(3), 4
+
+    assert "it returned tuple, not lab.result.Filtered" in check("q4-filter", sis).reason
+
+
+# the verdict
+
+
+def test_a_verdict_in_words_and_in_a_notebook():
+    verdict = Verdict("q5", False, "1 < 2 & so on", "look", "ess-inverse", ("a note",))
+    assert str(verdict) == "[x] q5 not passed: 1 < 2 & so on\n    Hint: look\n    Note: a note"
+    shown = verdict._repr_html_()
+    assert "1 &lt; 2 &amp; so on" in shown
+    assert 'aria-label="Check of q5: not passed"' in shown
+    assert "&#10007;" in shown
+    assert repr(verdict) == str(verdict)
+    passed = Verdict("q5", True, "public checks passed (3/3).", "faster")
+    assert "Advice: faster" in str(passed)
+    assert max(map(len, str(Verdict("q5", True, "word " * 100)).splitlines())) <= 100
+    with pytest.raises(AttributeError):
+        verdict.passed = True
+
+
+def test_hints_do_not_contain_code():
+    """A hint that can be pasted would be the answer."""
+    for mistake in CATALOGUE.values():
+        for call in ("np.", "inv(", "@ ", "return ", "[rows]"):
+            assert call not in mistake.hint, mistake
