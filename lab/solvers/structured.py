@@ -96,7 +96,8 @@ class MapFilter:
         innovation = z - (self._landmarks[landmarks] - self._robot)
 
         rows = np.flatnonzero(seen)
-        robot, others, S = robot[rows], others[rows], S[np.ix_(rows, rows)]
+        if len(rows) < count:
+            robot, others, S = robot[rows], others[rows], S[np.ix_(rows, rows)]
         factor = np.linalg.cholesky(S)
         whitened, W_r, W = (
             scipy.linalg.solve_triangular(factor, right, lower=True, check_finite=False)
