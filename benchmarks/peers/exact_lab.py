@@ -28,11 +28,16 @@ def walk():
 
 
 def filter_structured(state):
-    """Take the steps that are timed."""
-    for k in range(start + 1, problem.n_instants):
-        state.predict()
-        state.update(k)
-    return {"mean": state.mean, "variances": np.diagonal(state.blocks(), axis1=1, axis2=2).ravel()}
+    """Take the steps that are timed, and again until there are enough to settle several times."""
+    passes = -(-64 // (problem.n_instants - 1 - start))
+    for once in range(passes):
+        for k in range(start + 1, problem.n_instants):
+            state.predict()
+            state.update(k)
+        if not once:
+            found = {"mean": state.mean, "variances": np.diagonal(state.blocks(), axis1=1, axis2=2).ravel()}
+    state.settle()
+    return {**found, "passes": np.array(passes)}
 
 
 def eliminate(state):

@@ -6,9 +6,10 @@ is: F moves two components and H_k subtracts the robot from a landmark, so with 
     predict   P_rr' = F P_rr F' + Q,   P_rm' = F P_rm                       O(n)
     update    W = L^-1 (rows of P for the landmarks - rows for the robot),  mean += W' L^-1 innovation,  P -= W' W
 
-and only the last, a rank-p update of one triangle, costs O(p n^2).  A landmark never seen is its prior, no part of P.
-When first seen it is left out of its own update (its prior joins the noise) and then follows from the robot: given r
-and z it is N(m0 + G (z + r - m0), C), so a wide prior loses no digits.  Called by `kalman` only.
+and only the last, a rank-p update of one triangle, costs O(p n^2); it waits until several can share one walk through
+the memory of P.  A landmark never seen is its prior, no part of P.  When first seen it is left out of its own update
+(its prior joins the noise) and then follows from the robot: given r and z it is N(m0 + G (z + r - m0), C), so a wide
+prior loses no digits.  Called by `kalman` only.
 """
 
 import numpy as np
@@ -164,9 +165,14 @@ class MapFilter:
         found[np.ix_(seen, columns)] = self._covs.rows(places[ascending])
         return found
 
+    def settle(self) -> None:
+        """Apply to the covariance what still waits: no answer changes but for rounding."""
+        self._covs.settle()
+
     def cov(self) -> Array:
         """Return the covariance (n, n) [m^2] of the state."""
         n = 2 + self._landmarks.size
+        self.settle()
         cov = np.empty((n, n))
         for start in range(0, n, CHUNK):
             stop = min(start + CHUNK, n)
