@@ -7,6 +7,7 @@ import pytest
 from worlds import BLOCK_WORLDS, WORLDS, block_scenario, covariance, everything, problem
 
 from data_simulation import HANDOUT, TWO_LANDMARKS, data_simulation
+from lab.blocks import roots
 from lab.problem import LinearGaussianModel, Problem
 from lab.simulation import simulate
 from lab.solvers import kalman
@@ -49,6 +50,16 @@ def test_draws_the_numbers_of_data_simulation(scenario):
     simulation = data_simulation(scenario=scenario, rng=5)
     np.testing.assert_allclose(truth, simulation.X.T, rtol=0, atol=1e-12)
     assert_same(drawn, SparseProblem.of(problem(scenario, 5)), 1e-12)
+
+
+def test_roots_of_semidefinite_blocks_are_real():
+    """Blocks of rank 1, whose second pivot is 0 up to rounding of either sign, and of rank 0."""
+    v = np.random.default_rng(0).standard_normal((1000, 2)) * [[1, 30]]
+    v[0] = 0
+    blocks = v[:, :, None] * v[:, None, :]
+    found = roots(blocks)
+    np.testing.assert_allclose(found @ found.swapaxes(1, 2), blocks, rtol=1e-12, atol=0)
+    assert not found[:, 0, 1].any()
 
 
 def test_what_couples_is_named():
