@@ -104,12 +104,13 @@ def joseph(cov: Array, K: Array, H: Array, R: Array) -> Array:
 def regression(cross: Array, cov: Array) -> Array:
     """Return the G (m, n) of E[a given b] = E[a] + G (b - E[b]), from cross = Cov(a, b) (m, n) and cov = Cov(b) (n, n).
 
-    `cov` may be singular; the pseudo-inverse is taken on the correlation scale, as in `split`.
+    `cov` may be singular; the pseudo-inverse is taken on the correlation scale, as in `split`. Stacks are taken too.
     """
-    deviations = np.sqrt(np.diag(cov))
+    deviations = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
     scale = np.divide(1, deviations, out=np.zeros_like(deviations), where=deviations > 0)
-    inverse = np.linalg.pinv(cov * np.outer(scale, scale), rcond=RANK_TOLERANCE, hermitian=True)
-    return np.asarray(cross @ (scale[:, np.newaxis] * inverse * scale))
+    left, right = scale[..., :, np.newaxis], scale[..., np.newaxis, :]
+    inverse = np.linalg.pinv(cov * (left * right), rcond=RANK_TOLERANCE, hermitian=True)
+    return np.asarray(cross @ (left * inverse * right))
 
 
 def split(cov: Array, rows: Any) -> tuple[Array, Array]:

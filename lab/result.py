@@ -4,7 +4,7 @@ Question answered: what is known about the state at instant k, given z_1..z_k?  
 holds.  Produced by every solver; read by comparisons and plots.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,6 +77,33 @@ class Filtered:
     def stds(self) -> Array:
         """Standard deviations (N, n) [m]: square roots of the diagonals of `covs`."""
         return np.sqrt(np.diagonal(self.covs, axis1=1, axis2=2))
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredMap:
+    """An exact filter's answer where all its covariances would not fit in memory; row 0 is the prior.
+
+    Attributes
+    ----------
+    means : (N, n) array
+        Row k holds E[x_k given z_1..z_k] [m].
+    blocks : (N, 1 + M, 2, 2) array
+        Covariances [m^2] of the robot and of each landmark at each instant.
+    log_evidence : (N,) array
+        Entry k holds log p(z_1..z_k), cumulative; entry 0 is 0.
+    rows : function
+        ``rows(components) -> (d, n)`` [m^2]: rows of the whole covariance at the last instant.
+    """
+
+    means: Array
+    blocks: Array
+    log_evidence: Array
+    rows: Callable[[Any], Array]
+
+    @property
+    def stds(self) -> Array:
+        """Standard deviations (N, n) [m]."""
+        return np.sqrt(np.diagonal(self.blocks, axis1=2, axis2=3)).reshape(self.means.shape)
 
 
 def collect(steps: Iterable[Step]) -> Filtered:

@@ -20,7 +20,11 @@ FLOORS = {
     "lab.weights": 1,
     "lab.resampling": 1,
     "lab.fast": 1,
+    "lab.blocks": 1,
+    "lab.triangle": 1,
     "lab.problem": 2,
+    "lab.sparse": 2,
+    "lab.simulation": 2,
     "lab.result": 2,
     "lab.records": 2,
     "lab.solvers": 3,
@@ -49,6 +53,8 @@ FLOORS = {
 # One way only, within a floor.
 SIDEWAYS = {
     "lab.problem": {"lab.records"},  # Experiment.load and save
+    "lab.sparse": {"lab.problem"},  # the same, with matrices
+    "lab.simulation": {"lab.problem", "lab.sparse"},
     "lab.compare": {"lab.comparison", "lab.execution", "lab.metrics", "lab.progress"},
     "lab.cluster": {"lab.execution"},
     "lab.comparison": {"lab.metrics"},

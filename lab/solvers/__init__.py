@@ -3,6 +3,7 @@
 ``SOLVERS`` names the particle solvers; ``resolve`` turns what a person types into one, a student's own included.
 """
 
+from lab.solvers.elimination import SmoothedMap, smooth_map
 from lab.solvers.exact import Smoothed, kalman, smoother
 from lab.solvers.particle import guided, particle_steps, rbpf, sir, sis
 from lab.solvers.proposals import Cloud, prior
@@ -14,6 +15,7 @@ __all__ = [
     "Cloud",
     "Proposal",
     "Smoothed",
+    "SmoothedMap",
     "Solver",
     "check_filtered",
     "guided",
@@ -24,5 +26,6 @@ __all__ = [
     "resolve",
     "sir",
     "sis",
+    "smooth_map",
     "smoother",
 ]

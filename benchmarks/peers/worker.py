@@ -1,0 +1,55 @@
+"""What every peer's worker does around its own few lines: prepare, act when told, say how long it took.
+
+A worker is a process in its own environment.  It computes once (which compiles, and gives the answer that is checked),
+prints one line of JSON, and then acts once for every line that it reads, printing the seconds each time; so a driver
+can take turns between peers.  The seconds are the processor's (all threads added), so that other work on the machine
+does not count.  In the scripts beside this one `prepare` and `act` are what `serve` calls them.  Needs
+numpy alone, in any version.
+"""
+
+import json
+import os
+import sys
+import time
+
+import numpy as np
+
+
+def peak_megabytes():
+    """Return the peak memory of this process [MB], or None where the system does not say."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            return next(int(line.split()[1]) / 1000 for line in status if line.startswith("VmHWM"))
+    except OSError:
+        return None
+
+
+def serve(prepare, act, answer_to):
+    """Work until the input ends.
+
+    Parameters
+    ----------
+    prepare : function
+        Called without being timed; what it returns is given to `act`.
+    act : function
+        The work; returns a dictionary of arrays.
+    answer_to : str
+        The .npz file for the first answer.
+    """
+    lines = os.fdopen(os.dup(1), "w")  # a library that prints must not end up between the lines of JSON
+    os.dup2(2, 1)
+    before = peak_megabytes()
+    state = prepare()
+    start = time.perf_counter()
+    answer = act(state)
+    first = time.perf_counter() - start
+    np.savez(answer_to, **answer)
+    del answer, state
+    print(json.dumps({"first": first, "before": before, "peak": peak_megabytes()}), file=lines, flush=True)
+    for _ in sys.stdin:
+        state = prepare()
+        start = time.process_time()
+        act(state)
+        seconds = time.process_time() - start
+        del state
+        print(json.dumps({"seconds": seconds, "peak": peak_megabytes()}), file=lines, flush=True)
