@@ -127,7 +127,6 @@ def _corrections() -> list[Made]:
 
 def _initialisations() -> list[Made]:
     found: list[Made] = []
-    rng = np.random.default_rng(300)
     poses = [*POSES.values()][:3]
     for i, (pose, size, y) in enumerate(zip(poses, (2, 1, 3), ((2.2, 0.7), (1.3, 2.8), (3.0, -1.2)), strict=True)):
         x, P = _map(pose, size, 300 + i)
@@ -136,8 +135,8 @@ def _initialisations() -> list[Made]:
     x, P = _map((0.3, 0.8, -1.1), 0, 320)
     found.append(("an empty map", ((x, P, np.array([1.8, -0.6]), _noise(321)),)))
     known = np.array([0.0, -2.0, 0.4])
-    y = np.array([2.5, float(rng.uniform(0.4, 0.6))])
-    found.append(("an empty map, the robot known exactly", ((known, np.zeros((3, 3)), y, _noise(322)),)))
+    args = (known, np.zeros((3, 3)), np.array([2.5, 0.5]), _noise(322))
+    found.append(("an empty map, the robot known exactly", (args,)))
     return found
 
 
@@ -152,9 +151,8 @@ def _errors() -> list[Made]:
         )
     ):
         r = np.add(truth, error)
-        if not label.endswith("away"):
-            r = wrapped_heading(r)
-        found.append((label, ((r, covariance(np.random.default_rng(400 + i), 3, 0.3), np.array(truth)),)))
+        given = r if label.endswith("away") else wrapped_heading(r)
+        found.append((label, ((given, covariance(np.random.default_rng(400 + i), 3, 0.3), np.array(truth)),)))
     return found
 
 

@@ -16,7 +16,7 @@ from lab.checks.mistakes.ekf_models import Mutants, inverts, moves, observes
 from lab.validation import Array
 
 
-def _noises(name: str) -> list[tuple[str, dict[str, Function]]]:
+def _noises(name: str) -> list[tuple[str, dict[str, Any]]]:
     """Return mistaken readings of a noise covariance Q or R."""
     return [
         ("deviation-as-variance", {name: lambda C: np.diag(np.sqrt(np.diag(C)))}),
@@ -124,16 +124,15 @@ def _rows_only(part: str) -> Function:
     """Return a gain that is zero outside a part of the state."""
 
     def gain(P: Array, H: Array, Z: Array) -> Array:
-        K = P @ H.T @ np.linalg.inv(Z)
-        touched = H.any(axis=0)
-        keep = {"pair": touched, "robot": np.arange(len(P)) < 3, "landmark": touched & (np.arange(len(P)) >= 3)}[part]
-        return np.asarray(K * keep[:, np.newaxis])
+        touched, of_robot = (H != 0).any(axis=0), np.arange(len(P)) < 3
+        keep: Any = {"pair": touched, "robot": of_robot, "landmark": touched & ~of_robot}[part]
+        return np.asarray((P @ H.T @ np.linalg.inv(Z)) * keep[:, np.newaxis])
 
     return gain
 
 
 def _uncorrelated(P: Array, rows: Array) -> Array:
-    block = P[np.ix_(rows, rows)].copy()
+    block: Array = P[np.ix_(rows, rows)].copy()
     block[:3, 3:] = block[3:, :3] = 0
     return block
 
