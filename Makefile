@@ -28,10 +28,10 @@ solutions: venv ## run the solutions, store their outputs, derive the students' 
 	$(PY) -m lab release --execute $(ARGS)
 
 test: venv ## the test suite, in minutes
-	$(PY) -m pytest -m "not long" -n auto $(ARGS)
+	$(PY) -m pytest -m "not long" -n auto --dist loadgroup $(ARGS)
 
 test-all: venv ## the test suite with what takes longer
-	$(PY) -m pytest -n auto $(ARGS)
+	$(PY) -m pytest -n auto --dist loadgroup $(ARGS)
 
 bank: venv ## right and wrong answers through the checks, and their false alarms: about an hour on 2 idle cores
 	$(PY) tests/bank.py $(ARGS)
