@@ -9,6 +9,7 @@ from lab.checks import check, exact, reference
 from lab.checks.inputs import cases
 from lab.checks.mistakes import mutants
 from lab.ekfslam import Map, Sensor
+from lab.ekfslam.consistency import nis
 from lab.ekfslam.frames import wrap
 from lab.validation import InputError
 
@@ -76,6 +77,16 @@ def test_the_events_against_the_map_of_the_wing():
     rows = np.concatenate([robot.rows, *(landmark.rows for landmark in landmarks)])
     np.testing.assert_allclose(x, m.x[rows], atol=1e-10)
     np.testing.assert_allclose(P, m.joint.block(rows), atol=1e-12)
+
+
+def test_the_nis_of_a_plain_mean_and_covariance_is_that_of_the_map():
+    m, sensor = Map("ekf"), Sensor("range-bearing", (0.1, 0.05))
+    robot = m.add_robot(np.array([0.4, -0.3, 3.1]), np.diag([0.02, 0.01, 0.03]), sensors=[sensor])
+    landmarks = [m.initialise(robot, sensor, np.array([2.0, b]), b) for b in (0.5, 3.0)]
+    rows = np.concatenate([robot.rows, *(landmark.rows for landmark in landmarks)])
+    y = np.array([2.1, -3.1])
+    expected = m.observe(robot, sensor, landmarks[1], y).nis
+    assert nis(m.x[rows], m.joint.block(rows), y, 1, sensor) == pytest.approx(expected, rel=1e-10)
 
 
 def test_the_directions_are_those_of_a_rigid_motion():
