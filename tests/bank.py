@@ -47,9 +47,15 @@ def load(source: str) -> dict:
 
 def chaffs() -> list[tuple[int, str, str]]:
     """Return the wrong answers: number, question, key of the mistake ('' where a refusal is enough)."""
-    from edits import EDITS
+    return [(number, edit[0], edit[1]) for number, edit in enumerate(all_edits())]
 
-    return [(number, edit[0], edit[1]) for number, edit in enumerate(EDITS)]
+
+def all_edits() -> list[tuple]:
+    """Return the edits of every notebook."""
+    from edits import EDITS
+    from ekf_edits import EKF_EDITS
+
+    return [*EDITS, *EKF_EDITS]
 
 
 def chaff(number: int):
@@ -58,15 +64,14 @@ def chaff(number: int):
     Raises
     ------
     ValueError
-        The text that it replaces is not in plain.py any more.
+        The text that it replaces is not in the plain answers any more.
     """
-    from edits import EDITS
-
-    question, _, *pairs = EDITS[number]
-    source = (HERE / "wheats" / "plain.py").read_text(encoding="utf-8")
+    question, _, *pairs = all_edits()[number]
+    plain = "ekf_plain.py" if CODES[question].notebook.startswith("06") else "plain.py"
+    source = (HERE / "wheats" / plain).read_text(encoding="utf-8")
     for old, new in zip(pairs[::2], pairs[1::2], strict=True):
         if old not in source:
-            raise ValueError(f"chaff {number} ({question}): {old!r} is not in plain.py")
+            raise ValueError(f"chaff {number} ({question}): {old!r} is not in {plain}")
         source = source.replace(old, new)
     return load(source)[CODES[question].function]
 

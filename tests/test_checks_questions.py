@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from lab.checks import QUESTIONS, check, question_named
+from lab.checks.ekf_questions import EKF_QUESTIONS, NOTEBOOK
 from lab.checks.questions import CODE, NOTEBOOKS, as_markdown
 from lab.validation import InputError
 
@@ -26,7 +27,7 @@ def test_keys_and_functions_are_unique_and_fit_a_notebook():
     assert all(re.fullmatch(r"q\d+[a-d]?(-[a-z]+)?", key) for key in keys)  # as nbgrader wants its grade_id
 
 
-def test_every_question_of_the_handout_has_its_place():
+def test_every_question_of_the_handout_and_of_the_second_wing_has_its_place():
     asked = {re.match(r"q\d+[a-d]?", question.key)[0] for question in QUESTIONS}
     assert asked >= {
         "q1a",
@@ -39,10 +40,12 @@ def test_every_question_of_the_handout_has_its_place():
         "q3",
         "q4a",
         "q4b",
-        *(f"q{i}" for i in range(5, 11)),
+        *(f"q{i}" for i in range(5, 17)),
     }
     assert {question.notebook for question in QUESTIONS} == set(NOTEBOOKS)
-    assert sum(question.points for question in QUESTIONS) == 100
+    assert {question.notebook for question in EKF_QUESTIONS} == {NOTEBOOK}
+    points = {wing: sum(q.points for q in QUESTIONS if (q in EKF_QUESTIONS) == wing) for wing in (False, True)}
+    assert points == {False: 100, True: 40}
 
 
 @pytest.mark.parametrize("question", CODES, ids=lambda question: question.key)

@@ -8,7 +8,7 @@ import pytest
 from datasets import MRCLAM, NTNU, VICTORIA_PARK, drive, needs, write_graph, write_mrclam, write_ntnu
 from program import call, everything_in, start
 
-from lab.ekfslam import app_data, drives
+from lab.ekfslam import app_data_report, drives
 from lab.ekfslam.app import KEYS
 from lab.ekfslam.replay import replay
 from lab.ekfslam.scores import score
@@ -32,7 +32,7 @@ def paths(here):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leave out what takes most of the time, where the test is not about it."""
-    monkeypatch.setattr(app_data, "write_figures", lambda folder, outcome: None)
+    monkeypatch.setattr(app_data_report, "write_figures", lambda folder, outcome: None)
 
 
 def summary_of(folder):
@@ -45,7 +45,7 @@ def summary_of(folder):
 @pytest.mark.parametrize("kind", ["ntnu", "victoria-park", "mrclam"])
 def test_every_kind_with_every_filter(here, paths, kind, filter, monkeypatch):
     if filter != "ekf":  # figures take most of the time
-        monkeypatch.setattr(app_data, "write_figures", lambda folder, outcome: None)
+        monkeypatch.setattr(app_data_report, "write_figures", lambda folder, outcome: None)
     more = ("--robots", "2") if kind == "mrclam" else ()
     done = call("ekf-slam", "--data", kind, paths[kind], "--filter", filter, "--out", "result", *more)
     assert (done.status, done.err) == (0, "")

@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 from PIL import Image
 from program import call, everything_in
 
-from lab.ekfslam import app, demo
+from lab.ekfslam import app, app_report, demo
 from lab.ekfslam.consistency import assess
 from lab.ekfslam.uncertainty import cov2elli
 from lab.ekfslam.world import drive
@@ -131,7 +131,7 @@ def test_nothing_half_written_when_the_work_fails(here, quick, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(app, "write_figures", stop)
+    monkeypatch.setattr(app_report, "write_figures", stop)
     done = call("ekf-slam", "--runs", 1, "--out", "result", "--animate", "film.gif")
     assert done.status == 130
     assert everything_in(here) == {}
@@ -139,7 +139,7 @@ def test_nothing_half_written_when_the_work_fails(here, quick, monkeypatch):
 
 def test_words_without_a_whole_map(quick):
     found = app.demo("ekf", runs=2)
-    assert "In 2 of 2 runs not all 36 landmarks are in the map at the end." in app.words(found)
+    assert "In 2 of 2 runs not all 36 landmarks are in the map at the end." in app_report.words(found)
 
 
 def test_numbers_that_are_not_there_are_null():

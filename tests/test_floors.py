@@ -48,6 +48,8 @@ FLOORS = {
     "lab.given": 5,
     "lab.ekfslam.app": 5,
     "lab.ekfslam.app_data": 5,
+    "lab.ekfslam.app_data_report": 5,
+    "lab.ekfslam.app_report": 5,
     "lab.__main__": 5,
 }
 # One way only, within a floor.
@@ -62,19 +64,23 @@ SIDEWAYS = {
     "lab.theory": {"lab.solvers"},  # the laws of the proposals, and the exact moments
     "lab.cli": {
         *("lab.sweep", "lab.findings", "lab.report", "lab.checks", "lab.release"),
-        *("lab.ekfslam.app", "lab.ekfslam.app_data"),
+        *("lab.ekfslam.app", "lab.ekfslam.app_data", "lab.ekfslam.app_report", "lab.ekfslam.app_data_report"),
     },
     "lab.ekfslam.app_data": {"lab.ekfslam.app"},
+    "lab.ekfslam.app_data_report": {"lab.ekfslam.app_data"},
+    "lab.ekfslam.app_report": {"lab.ekfslam.app"},
     "lab.given": {"lab.checks"},
     "lab.notebook": {"lab.checks"},  # which function belongs to which question
     "lab.__main__": {"lab.cli"},
 }
 # Down, but never: ekfslam is a sister wing of the solvers, and figures know results only.
 FORBIDDEN = {
-    "lab.solvers": {"lab.ekfslam", "lab.ekfslam.app", "lab.ekfslam.app_data"},
+    "lab.solvers": {f"lab.ekfslam{part}" for part in ("", ".app", ".app_data", ".app_report", ".app_data_report")},
     "lab.ekfslam": {"lab.solvers"},
     "lab.ekfslam.app": {"lab.solvers"},
     "lab.ekfslam.app_data": {"lab.solvers"},
+    "lab.ekfslam.app_data_report": {"lab.solvers"},
+    "lab.ekfslam.app_report": {"lab.solvers"},
     "lab.plots": {"lab.solvers"},
 }
 

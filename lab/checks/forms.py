@@ -76,6 +76,9 @@ def forms() -> dict[str, Form]:
     dimension: Any = lambda args: (len(args[0]),)  # noqa: E731
     times: Any = lambda args: (args[0].n_instants, len(args[0].model.m0))  # noqa: E731
     times_square: Any = lambda args: (*times(args), len(args[0].model.m0))  # noqa: E731
+    sized: Any = lambda *shape: lambda args: shape  # noqa: E731
+    larger: Any = lambda args: (len(args[0]) + 2,)  # noqa: E731
+    larger_square: Any = lambda args: 2 * larger(args)  # noqa: E731
     return {
         "q1d-step": Form(*_plain("q1d-step", like(0), like(1))),
         "q1d-filter": Form(*_plain("q1d-filter", times, times_square)),
@@ -95,6 +98,15 @@ def forms() -> dict[str, Form]:
         "q8-gap": Form(*_plain("q8-gap", scalar)),
         "q10-step": Form(*_plain("q10-step", like(0), like(1), like(2), like(3))),
         "q10-moments": Form(*_plain("q10-moments", whole, whole_square)),
+        "q11-move": Form(*_plain("q11-move", like(0), sized(3, 3), sized(3, 2))),
+        "q11-observe": Form(*_plain("q11-observe", sized(2), sized(2, 3), sized(2, 2))),
+        "q11-invert": Form(*_plain("q11-invert", sized(2), sized(2, 3), sized(2, 2))),
+        "q12-predict": Form(*_plain("q12-predict", like(0), like(1))),
+        "q12-update": Form(*_plain("q12-update", like(0), like(1))),
+        "q12-initialise": Form(*_plain("q12-initialise", larger, larger_square)),
+        "q13-nees": Form(*_plain("q13-nees", scalar)),
+        "q14-directions": Form(reading.directions, ("the space of the three columns",)),
+        "q16-ray": Form(*_plain("q16-ray", sized(2), sized(2, 2))),
     }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lab.checks import worlds
+from lab.checks import ekf_inputs, worlds
 from lab.checks.reference import kalman_filter
 from lab.result import Filtered
 from lab.validation import Array
@@ -295,4 +295,6 @@ MAKERS: dict[str, Callable[[], Sequence[Case]]] = {
 @cache
 def cases(question: str) -> tuple[Case, ...]:
     """Return the cases of a question whose answers are compared exactly."""
+    if question in ekf_inputs.MAKERS:
+        return tuple(Case(label, calls) for label, calls in ekf_inputs.MAKERS[question]())
     return tuple(MAKERS[question]())

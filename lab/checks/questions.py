@@ -8,66 +8,23 @@ checks, the grader and the table at the head of ``solutions/README.md`` all read
 
 Unseen entries of z, H and R are NaN, as in `lab.problem.Problem`; ``model`` is a `lab.problem.LinearGaussianModel` with
 F, B, Q, m0, P0.  Lengths are in metres, variances in m^2, densities per m^d.  Source: the questions of the handout.
+Those of EKF-SLAM, whose symbols are other ones, come from `lab.checks.ekf_questions`.
 """
 
-from dataclasses import dataclass
-
+from lab.checks.ekf_questions import EKF_QUESTIONS
+from lab.checks.question import CODE, TEXT, Question, Value
 from lab.validation import InputError
 
-CODE, TEXT = "code", "text"
+__all__ = ["BY_KEY", "CODE", "NOTEBOOKS", "QUESTIONS", "TEXT", "Question", "Value", "as_markdown", "question_named"]
+
 NOTEBOOKS = (
     "01_simulation_and_modeling",
     "02_sis",
     "03_sir",
     "04_importance_function",
     "05_rao_blackwellized",
+    "06_ekf_slam",
 )
-
-
-@dataclass(frozen=True)
-class Value:
-    """An argument or a result: its name, its shape, and what it is, with its unit."""
-
-    name: str
-    shape: str
-    meaning: str
-
-
-@dataclass(frozen=True)
-class Question:
-    """One question of the course.
-
-    Attributes
-    ----------
-    key : str
-        Such as "q1d-step"; also the identity of its cells in the notebooks.
-    kind : str
-        "code" or "text".
-    points : int
-    notebook : str
-        Name of the notebook, without its ending.
-    title : str
-        What is asked, in a line.
-    function : str
-        Name under which the answer is looked for; empty for a text.
-    call : str
-        How the function is called.
-    arguments, returns : tuple of Value
-    freedom : str
-        What is left to the person who answers.
-    """
-
-    key: str
-    kind: str
-    points: int
-    notebook: str
-    title: str
-    function: str = ""
-    call: str = ""
-    arguments: tuple[Value, ...] = ()
-    returns: tuple[Value, ...] = ()
-    freedom: str = ""
-
 
 MODEL = Value("model", "LinearGaussianModel", "F, B, Q, m0, P0")
 PROBLEM = Value("problem", "Problem", "model, z (N, 2M), H (N, 2M, n), R (N, 2M, 2M)")
@@ -429,6 +386,7 @@ QUESTIONS: tuple[Question, ...] = (
         (FILTERED,),
         f"the robot's importance function; {OWN_CHOICE}",
     ),
+    *EKF_QUESTIONS,
 )
 BY_KEY = {question.key: question for question in QUESTIONS}
 
@@ -458,9 +416,10 @@ def as_markdown() -> str:
         cells = (f"`{question.key}`", question.kind, str(question.points), question.notebook[:2], question.title, call)
         lines.append("| " + " | ".join(cells) + " |")
     total = sum(question.points for question in QUESTIONS)
+    handout = total - sum(question.points for question in EKF_QUESTIONS)
     lines += [
         "",
-        f"{total} points in all.",
+        f"{handout} points for the questions of the handout, {total - handout} for EKF-SLAM: {total} in all.",
         "",
         "| function | arguments | returns | left to you |",
         "|---|---|---|---|",

@@ -168,6 +168,18 @@ def closures(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
     return rows[order], table[order]
 
 
+def directions(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
+    """Return the orthogonal projector (n, n) onto the space that three columns span: any basis of it gives the same."""
+    (result,) = several(value, ["N"])
+    N = shaped("N", number_of("N", result), (len(args[0]), 3), "(n, 3)")
+    if not np.isfinite(N).all():
+        return (np.full((len(N), len(N)), np.nan),)
+    axes, sizes, _ = np.linalg.svd(N, full_matrices=False)
+    if sizes[2] <= 1e-9 * sizes[0]:
+        raise Unreadable("the three columns of N are not independent")
+    return (axes @ axes.T,)
+
+
 def log_densities(values: Sequence[Array]) -> Array:
     """Return log-densities (C,) with what is impossible as -inf."""
     result = np.concatenate([np.ravel(value) for value in values])

@@ -12,7 +12,8 @@ import numpy as np
 from scipy import stats
 
 from lab import resampling, solvers
-from lab.checks import recipes
+from lab.checks import ekf_reference, recipes
+from lab.checks.ekf_reference import *  # noqa: F403 - its names are listed there
 from lab.checks.recipes import effective_sample_size, log_gaussian, select_ancestors
 from lab.problem import Problem
 from lab.result import Filtered
@@ -140,6 +141,7 @@ guided = partial(solvers.guided, proposal="optimal")
 rbpf = solvers.rbpf
 
 __all__ = [
+    *ekf_reference.__all__,
     "confidence_ellipse",
     "corridor",
     "effective_sample_size",

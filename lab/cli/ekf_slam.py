@@ -54,7 +54,7 @@ def ekf_slam(
         return
     from lab import records
     from lab.cli import output, tables
-    from lab.ekfslam import app
+    from lab.ekfslam import app_report
     from lab.ekfslam.slam import Settings
 
     settings = Settings(association=association)
@@ -73,13 +73,13 @@ def ekf_slam(
         with output.deaf_reader():
             worlds = "one world" if runs == 1 else f"{runs} worlds"
             title = f"{found.label}: {worlds} of {len(found.runs[0].drive.u)} steps"
-            tables.print_slam(title, app.rows(found), app.words(found))
+            tables.print_slam(title, app_report.rows(found), app_report.words(found))
         if picture is not None:
             _animate(found, picture)
         if folder is not None:
-            app.write_summary(folder, found.summary())
-            app.write_runs(folder, found)
-            app.write_figures(folder, found)
+            app_report.write_summary(folder, found.summary())
+            app_report.write_runs(folder, found)
+            app_report.write_figures(folder, found)
             output.write_config(folder, output.describe("ekf-slam", arguments, {}))
     with output.deaf_reader():
         if animate is not None:

@@ -107,8 +107,8 @@ def replay_data(options: dict[str, Any]) -> None:
         Of the command, by parameter.
     """
     from lab.cli import output, tables
-    from lab.ekfslam import app_data
-    from lab.ekfslam.app import write_summary
+    from lab.ekfslam import app_data_report
+    from lab.ekfslam.app_report import write_summary
 
     kind, text = options["data"]
     path = a_path(text)
@@ -118,11 +118,11 @@ def replay_data(options: dict[str, Any]) -> None:
         loaded, outcome, inputs = _run(kind, path, choices)
         title = f"{choices.filter} on {kind} data of {path}: {loaded.steps} steps"
         with output.deaf_reader():
-            tables.print_slam(title, app_data.rows(outcome), app_data.words(outcome, choices))
+            tables.print_slam(title, app_data_report.rows(outcome), app_data_report.words(outcome, choices))
         if folder is not None:
             write_summary(folder, outcome.summary())
-            app_data.write_tables(folder, outcome)
-            app_data.write_figures(folder, outcome)
+            app_data_report.write_tables(folder, outcome)
+            app_data_report.write_figures(folder, outcome)
             output.write_config(folder, output.describe("ekf-slam", _arguments(options), inputs))
     if options["out"] is not None:
         with output.deaf_reader():

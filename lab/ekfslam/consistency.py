@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lab.ekfslam.demo import Run
+from lab.ekfslam.sensor import Sensor, observe
 from lab.gaussian import chi2_band
 from lab.validation import Array
 
@@ -95,6 +96,26 @@ def assess(runs: Sequence[Run]) -> Consistency:
         nis_band=(low, high),
         gauge=float(np.mean([gauge(run.heading_std, run.mapped) for run in runs])),
     )
+
+
+def nis(x: Array, P: Array, y: Array, i: int, sensor: Sensor) -> float:
+    """Return z' Z^-1 z of one measurement, for a filter that keeps its map as one mean and one covariance.
+
+    Parameters
+    ----------
+    x : (3 + 2 M,) array
+        Robot, then landmarks.
+    P : (3 + 2 M, 3 + 2 M) array
+    y : (p,) array
+    i : int
+        Which landmark was measured, 0..M-1.
+    sensor : Sensor
+    """
+    rows = np.array([0, 1, 2, 3 + 2 * i, 4 + 2 * i])
+    e, Y_r, Y_l = observe(x[:3], x[rows[3:]], sensor)
+    H = np.hstack([Y_r, Y_l])
+    z = sensor.difference(y, e)
+    return float(z @ np.linalg.solve(H @ P[np.ix_(rows, rows)] @ H.T + sensor.R, z))
 
 
 def gauge(heading_std: Array, mapped: Array) -> float:

@@ -6,7 +6,7 @@ exactly, the mistaken answers with the keys of their words in `CATALOGUE`; the s
 
 from functools import cache
 
-from lab.checks.mistakes import clouds, densities, kalman, rao_blackwell, small
+from lab.checks.mistakes import clouds, densities, ekf_events, ekf_models, kalman, rao_blackwell, small
 from lab.checks.mistakes.catalogue import CATALOGUE, Mistake
 from lab.checks.recipes import Function
 
@@ -26,6 +26,15 @@ def mutants(question: str) -> tuple[tuple[str, Function], ...]:
         "q4-step": clouds.steps,
         "q6-step": clouds.sir_steps,
         "q10-step": rao_blackwell.steps,
+        "q11-move": ekf_models.moves,
+        "q11-observe": ekf_models.observes,
+        "q11-invert": ekf_models.inverts,
+        "q12-predict": ekf_events.predictions,
+        "q12-update": ekf_events.corrections,
+        "q12-initialise": ekf_events.initialisations,
+        "q13-nees": ekf_models.neeses,
+        "q14-directions": ekf_models.directions,
+        "q16-ray": ekf_models.rays,
     }
     ready = {
         "q4-evidence": small.evidences,

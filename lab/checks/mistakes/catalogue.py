@@ -6,6 +6,8 @@ and gives a hint that leads to the place and leaves the mending to the reader.
 
 from dataclasses import dataclass
 
+from lab.checks.mistakes.ekf_catalogue import EKF_TEXTS
+
 
 @dataclass(frozen=True)
 class Mistake:
@@ -472,4 +474,4 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "Robots and maps vary together from particle to particle.",
     ),
 }
-CATALOGUE = {key: Mistake(key, *texts) for key, texts in _TEXTS.items()}
+CATALOGUE = {key: Mistake(key, *texts) for key, texts in (_TEXTS | EKF_TEXTS).items()}
