@@ -125,7 +125,7 @@ def test_what_is_found_in_a_folder(handed_in, tmp_path):
 def test_which_questions_are_asked(handed_in):
     only_02 = {question.notebook[:2] for question in questions_of(*find(handed_in("a.py", ESS)))}
     assert only_02 == {"02"}
-    assert len(questions_of(*find(handed_in("b.py", "x = 1")))) == 25
+    assert len(questions_of(*find(handed_in("b.py", "x = 1")))) == 34
 
 
 # judging
