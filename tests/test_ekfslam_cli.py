@@ -18,7 +18,7 @@ from lab.ekfslam.consistency import assess
 from lab.ekfslam.uncertainty import cov2elli
 from lab.ekfslam.world import drive
 from lab.gaussian import chi2_band
-from lab.plots import legend_below, new_figure
+from lab.plots import legend_below, live, new_figure
 from lab.plots.slam import draw_consistency, draw_heading, draw_run, save_animation
 from lab.validation import InputError
 
@@ -117,6 +117,7 @@ def test_the_summary(here, quick):
         (("--runs", "many"), "valid integer"),
         (("--seed", "-1"), "--seed must be at least 0, not -1"),
         (("--jobs", "0"), "--jobs must be at least 1"),
+        (("--live",), "No screen is found here; --animate FILE.gif saves the animation instead."),
         (("--animate", "film.avi"), "film.avi: the file of the animation ends in .gif or .mp4"),
         (("--animate", "absent/film.gif"), "absent/film.gif cannot be written"),
         (("--out", ""), "the name is empty"),
@@ -195,6 +196,21 @@ def test_the_live_map(run):
     assert top.get_xlim() == top.get_ylim() == (-6, 6)
     figure.draw_without_rendering()
     assert not figure.legends[0].get_window_extent().overlaps(bottom.get_tightbbox())
+
+
+def test_the_window(run, monkeypatch):
+    monkeypatch.setattr("lab.plots.live.require_screen", lambda: None)
+    shown = []
+
+    def look():
+        figure = plt.gcf()
+        figure.canvas.draw()
+        shown.append([ax.get_xlabel() for ax in figure.axes])
+
+    monkeypatch.setattr(plt, "show", look)
+    live.show_run(run)
+    assert shown == [["$x$ [m]", "instant $k$ [-]"]]
+    assert not plt.get_fignums()
 
 
 def test_rings_are_drawn():

@@ -36,6 +36,7 @@ def ekf_slam(
         Path | None,
         typer.Option(metavar="FILE", parser=a_path, help="Write the first run's live map: .gif, or .mp4 with ffmpeg."),
     ] = None,
+    live: Annotated[bool, typer.Option("--live", help="Show the first run's live map in a window.")] = False,
     out: OutputFolder = None,
     data: recorded.Data = None,
     robots: recorded.Robots = None,
@@ -59,6 +60,10 @@ def ekf_slam(
 
     settings = Settings(association=association)
     _check(filter, sensor, settings, perturb, animate)
+    if live:
+        from lab.plots.live import require_screen
+
+        require_screen()
     arguments: dict[str, str | int] = {
         "filter": filter,
         "sensor": sensor,
@@ -86,6 +91,10 @@ def ekf_slam(
             typer.echo(f"\nWritten: {animate}")
         if out is not None:
             typer.echo(f"\nSummary and figures are in {out}.")
+    if live:
+        from lab.plots.live import show_run
+
+        show_run(found.runs[0])
 
 
 def _check(filter: str, sensor: str, settings: "Settings", perturb: str, animate: Path | None) -> None:

@@ -28,6 +28,7 @@ SIGMAS = 3
 REACH = 6.0  # metres: the demo's axes
 SHAPE = 0.25 * np.array([[1.4, 0.0], [-0.8, 0.6], [-0.8, -0.6], [1.4, 0.0]])  # the triangle, ahead to the right
 BAND = "0.85"
+FILM_SIZE = (7, 9.6)  # inches
 
 
 def triangle(r: Array) -> Array:
@@ -160,7 +161,7 @@ def save_animation(
         Another ending, or .mp4 without ffmpeg.
     """
     check_animation(path)
-    figure = _Film(figsize=(7, 9.6), dpi=80, layout="constrained")
+    figure = _Film(figsize=FILM_SIZE, dpi=80, layout="constrained")
     canvas: Any = _FilmCanvas(figure)
     update = draw_run(figure, run)
     canvas.draw()
