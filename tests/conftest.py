@@ -1,6 +1,7 @@
 """Fixtures of the tests of the command line."""
 
 import base64
+from importlib.util import find_spec
 from unittest.mock import Mock
 
 import pytest
@@ -9,6 +10,14 @@ import pytest
 PICTURE = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNoAAAAggCBd81ytgAAAABJRU5ErkJggg=="
 )
+
+
+@pytest.fixture(params=["numpy", "numba"])
+def backend(request):
+    """Both ways of running a filter, where both are there."""
+    if request.param == "numba" and find_spec("numba") is None:
+        pytest.skip("the extra toy-slam-lab[fast] is not installed")
+    return request.param
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from lab.fast.arithmetic import exp
-from lab.fast.moments import TILE, products, segment, weigh
+from lab.fast.moments import TILE, add_shared, products, sum_segment, weigh
 from lab.fast.normals import LANES, normals
 from lab.fast.offspring import resample
 from lab.validation import Array
@@ -32,6 +32,7 @@ DENSE = LANES // 8  # groups in a block from which on their rows are laid out pa
 LOST = 1e-6  # a variance below this part of the squared distance of mean and c has lost too many digits
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 BLOCK, LANE = np.uint64(LANES.bit_length() - 1), np.uint64(LANES - 1)  # of a place: shift, mask
+COLLAPSED = 2.0  # an ESS below it: the mean goes where single particles go, so that none is expected
 NEAR = 1e-13  # of the mean: c is as near as can be
 
 
@@ -47,8 +48,25 @@ def add_rows(target: Array, map_: Array, source: Array, b: int, n_rows: int, n_t
 
 
 @njit(error_model="numpy", fastmath={"contract"}, nogil=True)
-def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, scratch: Array) -> None:
+def turns(F: Array, n_moving: int) -> bool:
+    """Whether nothing moves but a point in the plane, by itself."""
+    alone = n_moving == 2
+    for i in range(n_moving):
+        for j in range(n_moving, len(F)):
+            alone &= F[i, j] == 0.0
+    return alone
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, turning: bool, scratch: Array) -> None:
     """Set the first rows of block b to F x + B; the others stay as they are."""
+    if turning:
+        f00, f01, f10, f11, b0, b1 = F[0, 0], F[0, 1], F[1, 0], F[1, 1], B[0], B[1]
+        for lane in range(LANES):
+            x0, x1 = x[b, 0, lane], x[b, 1, lane]
+            x[b, 0, lane] = b0 + f00 * x0 + f01 * x1
+            x[b, 1, lane] = b1 + f10 * x0 + f11 * x1
+        return
     for i in range(n_moving):
         for lane in range(LANES):
             scratch[i, lane] = B[i]
@@ -132,15 +150,16 @@ def weigh_by_measurement(
 @njit(error_model="numpy", fastmath={"reassoc", "nsz", "nnan"}, nogil=True)
 def largest_of(logs: Array, b: int) -> float:
     """Return the largest log-weight of block b."""
-    largest = -np.inf
+    largest = logs[b, 0]
     for lane in range(LANES):
-        largest = max(largest, logs[b, lane])
+        value = logs[b, lane]
+        largest = value if value > largest else largest
     return largest
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
-def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Array) -> None:
-    """Set the weights of block b relative to `largest`, and add them and their squares to the totals."""
+def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Array) -> float:
+    """Set the weights of block b relative to `largest`, add them and their squares to the totals, return their sum."""
     for lane in range(LANES):
         weights[lane] = exp(logs[b, lane] - largest)
     total = squares = 0.0
@@ -149,6 +168,7 @@ def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Arra
         squares += weights[lane] * weights[lane]
     totals[0] += total
     totals[1] += squares
+    return total
 
 
 @njit(error_model="numpy", nogil=True)
@@ -156,6 +176,7 @@ def add_moments(
     x: Array,
     rows: Array,
     weights: Array,
+    total: float,
     static: Array,
     starts: Any,
     n_groups: int,
@@ -167,6 +188,7 @@ def add_moments(
     centred: Array,
     weighted: Array,
     shared: Array,
+    part: Array,
     first: Array,
     second: Array,
 ) -> None:
@@ -183,7 +205,9 @@ def add_moments(
     for i in range(n_rows, n_rows + (-n_rows) % TILE):
         for lane in range(LANES):
             centred[i, lane] = weighted[i, lane] = 0.0
-    weigh(centred, weights, weighted, n_rows, first)
+    weigh(centred, weights, weighted, n_rows, part)
+    for i in range(n_rows):
+        first[i] += part[i]
     products(centred, weighted, n_rows, second)
     if not dense and n_active < n:
         for g in range(group, group + groups):
@@ -191,7 +215,9 @@ def add_moments(
             high = min(starts[g + 1] - b * LANES, LANES) if g + 1 < n_groups else LANES
             for j in range(n - n_active):
                 shared[j] = static[g // LANES, j, g % LANES] - centre[n_active + j]
-            segment(weights, weighted, n_active, low, high, shared, first, second)
+            if groups > 1:
+                total = sum_segment(weights, weighted, n_active, low, high, part)
+            add_shared(total, part, n_active, shared, first, second)
 
 
 @njit(error_model="numpy", nogil=True)
@@ -231,11 +257,11 @@ def regroup(starts: Any, n_groups: int, before: Any, static: Array, n: int) -> i
 
 
 @njit(error_model="numpy", nogil=True)
-def fill_even(logs: Array, n: int) -> None:
+def fill_even(logs: Array, n: int, even: float) -> None:
     """Give all n particles the same log-weight."""
     for b in range(len(logs)):
         for lane in range(min(LANES, n - b * LANES)):
-            logs[b, lane] = -math.log(n)
+            logs[b, lane] = even
 
 
 @njit(error_model="numpy", nogil=True)
@@ -244,6 +270,16 @@ def fill_mean(x: Array, m0: Array, b: int, start: int, n_rows: int) -> None:
     for i in range(n_rows):
         for lane in range(LANES):
             x[b, i, lane] = m0[start + i]
+
+
+@njit(error_model="numpy", nogil=True)
+def clear(totals: Array, first: Array, second: Array) -> None:
+    """Begin sums."""
+    totals[0] = totals[1] = 0.0
+    for i in range(len(first)):
+        first[i] = 0.0
+        for j in range(len(first)):
+            second[i, j] = 0.0
 
 
 @njit(error_model="numpy", nogil=True)
@@ -358,21 +394,26 @@ def build(sources: int) -> Any:
         scratch, weights = np.empty((n_moving + 1, LANES)), np.empty(LANES)
         centred, weighted = np.zeros((d + TILE, LANES)), np.zeros((d + TILE, LANES))
         centre, shared, wanted = m0.copy(), np.empty(n_static), np.zeros(n_static, np.bool_)
-        totals, first, second = np.zeros(2), np.zeros(d + TILE), np.zeros((d + TILE, d + TILE))
+        totals, part = np.zeros(2), np.zeros(d + TILE)
+        first, second = np.zeros(d + TILE), np.zeros((d + TILE, d + TILE))
         start_active, start_static = spread_0[:a], spread_0[a:]
+        turning = turns(F, n_moving)
+        even = -math.log(n)
         logs = np.full((blocks, LANES), -np.inf)
-        fill_even(logs, n)
+        fill_even(logs, n, even)
         largest, log_total = -np.inf, 0.0
 
         for k in range(T + 1):
-            j_k = max(k - 1, 0)
-            p, e = (sizes[j_k, 0], sizes[j_k, 1]) if k else (0, spread_0.shape[1])
-            z_k, H_k, K_k, spread_k = z[j_k], H[j_k], K[j_k], spread[j_k]
+            step = max(k - 1, 0)
+            p, e = (sizes[step, 0], sizes[step, 1]) if k else (0, spread_0.shape[1])
+            z_k, H_k, K_k, mean_k, cov_k = z[step], H[step], K[step], means[k], covs[k]
+            spread_k = spread[step] if k else start_active
             resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
+            collapsed = k > 0 and ess[k - 1] < COLLAPSED
             if resampled:
                 resample(scheme, logs, largest, n, state, scratch, cumulative, ends, points, before, ancestors)
                 n_groups = regroup(starts, n_groups, before, static, n)
-                fill_even(logs, n)
+                fill_even(logs, n, even)
                 log_total = 0.0
                 x, other = other, x
             if k:
@@ -381,61 +422,57 @@ def build(sources: int) -> Any:
                 wanted[j] = False
                 for r in range(p):
                     wanted[j] |= H_k[r, a + j] != 0.0
-            largest = -np.inf
-            rescale(0.0, totals, first, second)
-            group = 0
-            for b in range(blocks):
-                groups = count_groups(starts, n_groups, group, b) if n_static else 1
-                normals(state, noise, e)
-                if k == 0:
-                    fill_mean(x, m0, b, 0, a)
-                    add_rows(x, start_active, noise, b, a, e)
-                    fill_mean(static, m0, b, a, n_static)
-                    add_rows(static, start_static, noise, b, n_static, e)
-                for j in range(n_static):
-                    if groups > DENSE or wanted[j]:
-                        lay_out(rows, static, starts, n_groups, group, groups, b, j)
-                if k:
-                    if resampled:
-                        fetch(x, other, ancestors, b, n, a)
-                    move(x, F, B, b, n_moving, a, scratch)
-                    if draw_first:
-                        add_rows(x, spread_k, noise, b, a, e)
-                    weigh_by_measurement(x, rows, z_k, H_k, b, p, a, y, constants[j_k] - log_total, logs)
-                    add_rows(x, K_k, y, b, a, p)
-                    if not draw_first:
-                        add_rows(x, spread_k, noise, b, a, e)
-                top = largest_of(logs, b)
-                if top > largest:
-                    rescale(math.exp(largest - top), totals, first, second)
-                    largest = top
-                if largest > -np.inf:
-                    weights_of(logs, b, largest, weights, totals)
-                    add_moments(
-                        *(x, rows, weights, static, starts, n_groups, group, groups, b, centre, a),
-                        *(centred, weighted, shared, first, second),
-                    )
-                group = next_group(starts, n_groups, group, groups, b) if n_static else 0
-            if not 0.0 < totals[0] < np.inf:
-                return k
-            if finish(centre, totals[0], first, second, extra[k], means[k], covs[k]):
-                # once more around the mean itself
-                for i in range(d):
-                    centre[i] = means[k, i]
-                rescale(0.0, totals, first, second)
+            largest, heaviest = -np.inf, 0
+            for attempt in range(3):
+                clear(totals, first, second)
                 group = 0
                 for b in range(blocks):
                     groups = count_groups(starts, n_groups, group, b) if n_static else 1
+                    if attempt == 0:
+                        normals(state, noise, e)
+                        if k == 0:
+                            fill_mean(x, m0, b, 0, a)
+                            fill_mean(static, m0, b, a, n_static)
+                            add_rows(static, start_static, noise, b, n_static, e)
+                        elif resampled:
+                            fetch(x, other, ancestors, b, n, a)
                     for j in range(n_static):
-                        if groups > DENSE:
+                        if groups > DENSE or (wanted[j] and attempt == 0):
                             lay_out(rows, static, starts, n_groups, group, groups, b, j)
-                    weights_of(logs, b, largest, weights, totals)
-                    add_moments(
-                        *(x, rows, weights, static, starts, n_groups, group, groups, b, centre, a),
-                        *(centred, weighted, shared, first, second),
-                    )
+                    if attempt == 0:
+                        if k:
+                            move(x, F, B, b, n_moving, a, turning, scratch)
+                        for turn in range(2):
+                            if (turn == 0) == draw_first:
+                                add_rows(x, spread_k, noise, b, a, e)
+                            elif k:
+                                weigh_by_measurement(x, rows, z_k, H_k, b, p, a, y, constants[step] - log_total, logs)
+                                add_rows(x, K_k, y, b, a, p)
+                        top = largest_of(logs, b)
+                        if top > largest:
+                            if not collapsed:
+                                rescale(math.exp(largest - top), totals, first, second)
+                            largest, heaviest = top, b
+                    if largest > -np.inf and not (attempt == 0 and collapsed):
+                        total = weights_of(logs, b, largest, weights, totals)
+                        add_moments(
+                            *(x, rows, weights, total, static, starts, n_groups, group, groups, b, centre, a),
+                            *(centred, weighted, shared, part, first, second),
+                        )
                     group = next_group(starts, n_groups, group, groups, b) if n_static else 0
-                finish(centre, totals[0], first, second, extra[k], means[k], covs[k])
+                if attempt == 0 and collapsed:
+                    # what weighs anything is near this one, and further from where the mean was expected
+                    for lane in range(LANES):
+                        if logs[heaviest, lane] == largest:
+                            for i in range(a):
+                                centre[i] = x[heaviest, i, lane]
+                    continue
+                if not 0.0 < totals[0] < np.inf:
+                    return k
+                if not finish(centre, totals[0], first, second, extra[k], mean_k, cov_k):
+                    break
+                for i in range(d):
+                    centre[i] = mean_k[i]
             log_total = largest + math.log(totals[0])
             log_evidence[k] = log_evidence[k - 1] + log_total if k else 0.0
             ess[k] = totals[0] * totals[0] / totals[1]

@@ -10,8 +10,6 @@ c is any point near the mean; what is lost by one that is not near enough is for
 Called by `lab.fast.loop`.
 """
 
-from typing import Any
-
 from numba import njit
 
 from lab.fast.normals import LANES
@@ -21,15 +19,15 @@ TILE = 3
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
-def weigh(centred: Array, weights: Array, weighted: Array, n_rows: int, first: Array) -> None:
-    """Set weighted = w * centred and add the sums of its rows to `first`."""
+def weigh(centred: Array, weights: Array, weighted: Array, n_rows: int, part: Array) -> None:
+    """Set weighted = w * centred, and `part` to the sums of its rows."""
     for i in range(n_rows):
         total = 0.0
         for lane in range(LANES):
             value = weights[lane] * centred[i, lane]
             weighted[i, lane] = value
             total += value
-        first[i] += total
+        part[i] = total
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
@@ -71,23 +69,26 @@ def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> Non
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
-def segment(
-    weights: Array, weighted: Array, n_active: int, low: int, high: int, shared: Any, first: Array, second: Array
-) -> None:
-    """Add what a group of neighbours, lanes low..high - 1, contributes to the sums with its shared rows.
-
-    `shared` are its values minus c, for the rows from `n_active` on.
-    """
-    n = len(first)
+def sum_segment(weights: Array, weighted: Array, n_active: int, low: int, high: int, part: Array) -> float:
+    """Return the sum of the weights of a group, lanes low..high - 1, and set `part` to the sums of its rows."""
     total = 0.0
     for lane in range(low, high):
         total += weights[lane]
     for i in range(n_active):
-        part = 0.0
+        value = 0.0
         for lane in range(low, high):
-            part += weighted[i, lane]
+            value += weighted[i, lane]
+        part[i] = value
+    return total
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def add_shared(total: float, part: Array, n_active: int, shared: Array, first: Array, second: Array) -> None:
+    """Add what a group contributes with the rows, from `n_active` on, that its particles share: values minus c."""
+    n = n_active + len(shared)
+    for i in range(n_active):
         for j in range(n_active, n):
-            second[i, j] += part * shared[j - n_active]
+            second[i, j] += part[i] * shared[j - n_active]
     for i in range(n_active, n):
         value = total * shared[i - n_active]
         first[i] += value
