@@ -24,6 +24,7 @@ from lab.solvers.backends import WORTHWHILE
 from lab.validation import InputError
 
 kernels = pytest.importorskip("lab.fast.compiled", reason="the extra toy-slam-lab[fast] is not installed")
+pytestmark = pytest.mark.usefixtures("compiled_once")
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -81,7 +82,7 @@ def test_twin(world, name):
 
 @pytest.mark.parametrize("solver", [sis, sir, guided, rbpf, partial(rbpf, proposal="prior")])
 def test_runs_of_both_backends_have_one_distribution(solver):
-    """Gap of the mean, log-evidence and ESS of 200 runs each, Kolmogorov and Smirnov's test, one false alarm in 10^4."""
+    """Gap of the mean, log-evidence and ESS of 200 runs each: Kolmogorov and Smirnov, one false alarm in 10^4."""
     world = cut(reference(1).problem, 7)
     exact, n_components = kalman(world), 12
     found = []
@@ -170,11 +171,8 @@ def test_bad_options(options, message):
 
 def test_auto_depends_on_the_number_of_particles_alone():
     world = cut(problem(), 3)
-    for n_particles, meant in ((WORTHWHILE - 1, "numpy"), (WORTHWHILE, "numba")):
-        auto, expected = (
-            sir(world, np.random.default_rng(2), n_particles=n_particles, backend=backend)
-            for backend in ("auto", meant)
-        )
+    for n, meant in ((WORTHWHILE - 1, "numpy"), (WORTHWHILE, "numba")):
+        auto, expected = (sir(world, np.random.default_rng(2), n_particles=n, backend=b) for b in ("auto", meant))
         np.testing.assert_array_equal(auto.means, expected.means)
 
 

@@ -158,7 +158,7 @@ def largest_of(logs: Array, b: int) -> float:
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
-def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Array) -> float:
+def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Array) -> Any:
     """Set the weights of block b relative to `largest`, add them and their squares to the totals, return their sum."""
     for lane in range(LANES):
         weights[lane] = exp(logs[b, lane] - largest)
