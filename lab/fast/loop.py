@@ -148,7 +148,7 @@ def weigh_by_measurement(
 
 
 @njit(error_model="numpy", fastmath={"reassoc", "nsz", "nnan"}, nogil=True)
-def largest_of(logs: Array, b: int) -> float:
+def largest_of(logs: Array, b: int) -> Any:
     """Return the largest log-weight of block b."""
     largest = logs[b, 0]
     for lane in range(LANES):
