@@ -290,3 +290,17 @@ def test_a_model_in_which_everything_moves(backend):
         )
         spread = means.std(axis=0, ddof=1)
         assert (np.abs(means.mean(axis=0) - exact.means) <= 5 * spread / np.sqrt(30) + 3 * spread**2 / exact.stds).all()
+
+
+def test_a_law_that_is_remembered_is_that_of_its_covariance():
+    """Laws are kept for a problem; a cloud with another covariance gets its own, and none can be written to."""
+    world = cut(coupled(), 6)
+    cov = steps_of(world, rbpf_optimal, 3)[1].cloud.cov
+    first, again = rbpf_optimal.law(cov, 2, world), rbpf_optimal.law(cov.copy(), 2, world)
+    other = rbpf_optimal.law(2 * cov, 2, world)
+    assert again is first
+    fresh = rbpf_optimal.law(2 * cov, 2, replace(world))
+    np.testing.assert_array_equal(other.cov, fresh.cov)
+    assert abs(other.cov - first.cov).max() > 1e-6
+    with pytest.raises(ValueError, match="read-only"):
+        first.cov[0, 0] = 1

@@ -66,6 +66,7 @@ def particle_steps(
     """
     n_particles, ess_threshold, scheme = _checked_options(problem, rng, n_particles, ess_threshold, resample)
     even = np.full(n_particles, 1 / n_particles)
+    log_even = np.log(even)
     cloud, w = getattr(proposal, "start", prior.start)(problem, n_particles, rng), even
     lineage = np.arange(n_particles)  # of each particle, its ancestor at time 0
     survivors, log_evidence = n_particles, 0.0
@@ -73,9 +74,9 @@ def particle_steps(
     for k in range(1, problem.n_instants):
         if weights.ess(w) <= ess_threshold * n_particles * (1 + ROUNDING):
             ancestors = _checked(scheme(w, rng), n_particles)
-            cloud = replace(cloud, particles=cloud.particles[:, ancestors], log_weights=np.log(even))
+            cloud = replace(cloud, particles=np.take(cloud.particles, ancestors, axis=1), log_weights=log_even)
             lineage = lineage[ancestors]
-            survivors = len(np.unique(lineage))
+            survivors = int(np.count_nonzero(np.bincount(lineage)))
         cloud.particles.flags.writeable = False  # the step before holds them, too
         moved, increment = _checked_move(proposal(cloud, k, problem, rng), cloud)
         log_weights = cloud.log_weights + increment
