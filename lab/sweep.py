@@ -36,7 +36,7 @@ FOLDER = "unfinished"
 CONFIG = "config.json"
 SERIES = ("ess", "survivors")
 MOMENTS = ("means", "covs", "log_evidence")
-NUMERIC_VERSIONS = ("toy-slam-lab", "numpy", "scipy", "filterpy")  # others change no number
+NUMERIC_VERSIONS = ("toy-slam-lab", "numpy", "scipy", "filterpy", "numba")  # others change no number
 
 
 class Unfinished:

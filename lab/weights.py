@@ -13,6 +13,8 @@ import numpy as np
 
 from lab.validation import Array, InputError
 
+BLOCK = 4096  # particles: what is computed of so many stays in the processor's cache
+
 
 def normalise(log_weights: Array) -> tuple[Array, float]:
     """Return normalised weights and the logarithm of the sum that they were divided by.
@@ -79,6 +81,9 @@ def moments(particles: Array, weights: Array) -> tuple[Array, Array]:
         The covariance of the weighted point masses themselves: no correction for the number of particles.
     """
     mean = particles @ weights
-    centred = particles - mean[:, np.newaxis]
-    cov = (centred * weights) @ centred.T
+    cov = np.zeros((len(mean), len(mean)))
+    for start in range(0, len(weights), BLOCK):
+        block = slice(start, start + BLOCK)
+        centred = particles[:, block] - mean[:, np.newaxis]
+        cov += (centred * weights[block]) @ centred.T
     return mean, (cov + cov.T) / 2

@@ -160,26 +160,29 @@ def test_moments_are_the_law_of_total_covariance():
 @pytest.mark.parametrize("proposal", ["prior", "optimal"])
 @pytest.mark.parametrize("n_landmarks", [1, 3, 20])
 @pytest.mark.parametrize("field_of_view", ["outward-ahead", everything, nothing])
-def test_rbpf_is_the_exact_filter_when_the_path_is_known(noise, proposal, n_landmarks, field_of_view):
+def test_rbpf_is_the_exact_filter_when_the_path_is_known(noise, proposal, n_landmarks, field_of_view, backend):
     world = problem(full_scenario(n_landmarks, 3, field_of_view=field_of_view, n_steps=20), 3)
     n = 2 + 2 * n_landmarks
     P0, Q = world.model.P0.copy(), np.zeros((n, n))
     P0[:2], P0[:, :2], Q[[0, 1], [0, 1]] = 0, 0, noise
     known = replace(world, model=replace(world.model, P0=P0, Q=Q))
-    exact, answer = kalman(known), rbpf(known, np.random.default_rng(0), n_particles=7, proposal=proposal)
+    options = {"n_particles": 7, "proposal": proposal, "backend": backend}
+    exact, answer = kalman(known), rbpf(known, np.random.default_rng(0), **options)
     # with noise 1e-18 the robot itself is uncertain by 1e-9
     np.testing.assert_allclose(answer.means, exact.means, rtol=0, atol=1e-9 if noise == 0 else 2e-8)
     np.testing.assert_allclose(answer.covs, exact.covs, rtol=0, atol=1e-9)
     np.testing.assert_allclose(answer.log_evidence, exact.log_evidence, atol=1e-9 if noise == 0 else 1e-4)
 
 
-def test_rbpf_error_falls_like_the_square_root():
+def test_rbpf_error_falls_like_the_square_root(backend):
     """Rms gap over runs at the handout's k = 8, N from 100 to 6400: slope -1/2 within five standard errors."""
     world = cut(reference(1).problem, 9)
     exact, sizes, runs = kalman(world), np.array([100, 800, 6400]), 40
     gaps = []
     for size in sizes:
-        answers = [rbpf(world, np.random.default_rng([s, size]), n_particles=int(size)) for s in range(runs)]
+        answers = [
+            rbpf(world, np.random.default_rng([s, size]), n_particles=int(size), backend=backend) for s in range(runs)
+        ]
         gaps.append([np.mean(((a.means - exact.means)[1:] / exact.stds[1:]) ** 2) for a in answers])
     gaps = np.array(gaps)
     log_rms = 0.5 * np.log(gaps.mean(axis=1))
@@ -246,7 +249,7 @@ def test_a_students_proposal_fits_the_loop():
     assert abs(ratios.mean() - 1) <= 5 * ratios.std(ddof=1) / np.sqrt(30)
 
 
-def test_rank_deficient_prior_and_noise():
+def test_rank_deficient_prior_and_noise(backend):
     """P0 and Q of rank 1 on the robot: drawn within their range, and the exact filter is still met."""
     world = cut(problem(full_scenario(2, 4), 4), 5)
     P0, Q = world.model.P0.copy(), world.model.Q.copy()
@@ -254,7 +257,7 @@ def test_rank_deficient_prior_and_noise():
     Q[:2, :2] = np.outer([0.1, 0.2], [0.1, 0.2])
     flat = replace(world, model=replace(world.model, P0=P0, Q=Q))
     exact = kalman(flat)
-    answers = [rbpf(flat, np.random.default_rng(s), n_particles=2000) for s in range(30)]
+    answers = [rbpf(flat, np.random.default_rng(s), n_particles=2000, backend=backend) for s in range(30)]
     means = np.array([a.means for a in answers])
     error = means.std(axis=0, ddof=1) / np.sqrt(30)
     assert (np.abs(means.mean(axis=0) - exact.means) <= 5 * error + 1e-4 * exact.stds + 1e-9).all()
@@ -266,22 +269,38 @@ def test_unknown_proposals(solver, known):
         solver(problem(), np.random.default_rng(0), proposal="best")
 
 
-def test_singular_noise_is_named_for_each_proposal():
+def test_singular_noise_is_named_for_each_proposal(backend):
     world = WORLDS["full-3-all-seen"]()
     singular = Problem(world.model, world.z, world.H, np.zeros(world.R.shape))
     with pytest.raises(InputError, match=r"positive definite.*k = 1"):
-        sir(singular, np.random.default_rng(0), n_particles=5)
+        sir(singular, np.random.default_rng(0), n_particles=5, backend=backend)
     with pytest.raises(InputError, match=r"positive definite.*k = 1"):
-        guided(singular, np.random.default_rng(0), n_particles=5, proposal="optimal")
+        guided(singular, np.random.default_rng(0), n_particles=5, proposal="optimal", backend=backend)
 
 
-def test_a_model_in_which_everything_moves():
+def test_a_model_in_which_everything_moves(backend):
     rng = np.random.default_rng(2)
     world = cut(coupled(1), 5)
     F = np.eye(4) + 0.1 * rng.standard_normal((4, 4))
     mixed = replace(world, model=LinearGaussianModel(F, world.model.B, world.model.Q, world.model.m0, world.model.P0))
     exact = kalman(mixed)
     for solver in (rbpf, guided, partial(rbpf, proposal="prior")):
-        means = np.array([solver(mixed, np.random.default_rng(s), n_particles=3000).means for s in range(30)])
+        means = np.array(
+            [solver(mixed, np.random.default_rng(s), n_particles=3000, backend=backend).means for s in range(30)]
+        )
         spread = means.std(axis=0, ddof=1)
         assert (np.abs(means.mean(axis=0) - exact.means) <= 5 * spread / np.sqrt(30) + 3 * spread**2 / exact.stds).all()
+
+
+def test_a_law_that_is_remembered_is_that_of_its_covariance():
+    """Laws are kept for a problem; a cloud with another covariance gets its own, and none can be written to."""
+    world = cut(coupled(), 6)
+    cov = steps_of(world, rbpf_optimal, 3)[1].cloud.cov
+    first, again = rbpf_optimal.law(cov, 2, world), rbpf_optimal.law(cov.copy(), 2, world)
+    other = rbpf_optimal.law(2 * cov, 2, world)
+    assert again is first
+    fresh = rbpf_optimal.law(2 * cov, 2, replace(world))
+    np.testing.assert_array_equal(other.cov, fresh.cov)
+    assert abs(other.cov - first.cov).max() > 1e-6
+    with pytest.raises(ValueError, match="read-only"):
+        first.cov[0, 0] = 1

@@ -107,7 +107,7 @@ def test_a_path_as_windows_writes_it():
         ("sir:ess_threshold", "Cannot read 'sir:ess_threshold'"),
         ("my filter=sir", "Cannot read 'my filter=sir'"),
         ("sir:threshold=1", "unexpected keyword argument 'threshold'.*its options are ess_threshold, resample"),
-        ("sis:resample=residual", "its options are none"),
+        ("sis:resample=residual", "its options are backend"),
         ("sir:n_particles=5", "n_particles"),
         ("sir:problem=5", "problem"),
         ("absent.py:f", "absent.py does not exist"),

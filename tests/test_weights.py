@@ -69,3 +69,14 @@ def test_moments_far_from_the_origin_keep_their_digits():
     particles = 1e6 + np.array([[-1e-3, 1e-3]])
     _, cov = weights.moments(particles, np.array([0.5, 0.5]))
     assert cov[0, 0] == pytest.approx(1e-6, rel=1e-6)
+
+
+@pytest.mark.parametrize("n_particles", [1, 4095, 4096, 4097, 20_000])
+def test_moments_by_blocks_are_those_of_the_whole_cloud(n_particles):
+    rng = np.random.default_rng(n_particles)
+    particles, w = rng.standard_normal((5, n_particles)) + 3, rng.random(n_particles)
+    w /= w.sum()
+    mean, cov = weights.moments(particles, w)
+    centred = particles - (particles @ w)[:, np.newaxis]
+    np.testing.assert_allclose(mean, particles @ w, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(cov, (centred * w) @ centred.T, rtol=0, atol=1e-12)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lab.cli import options
-from lab.cli.options import ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
+from lab.cli.options import Backend, ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
 from lab.validation import InputError
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def compare(
     ),
     runs: Annotated[int, typer.Option(metavar="R", help="Runs of each solver with each N on each data set.")] = 20,
     seed: Seed = 0,
+    backend: Backend = "auto",
     jobs: Annotated[int, typer.Option(metavar="J", help="Worker processes; -1 for one per processor.")] = 1,
     dask: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is there instead.")
@@ -64,9 +65,11 @@ def compare(
         asked["experiment"], asked["scenario"], asked["seed"], asked["landmark-noise"], asked["datasets"]
     )
     named = options.parse_solvers(asked["solvers"].split(","), sources[0])
+    asked["backend"] = options.settle_backend(asked["backend"], options.parse_particles(asked["particles"]))
+    named = options.with_backend(named, asked["backend"])
     asked["scenario"] = None if asked["experiment"] else asked["scenario"] or options.DEFAULT_SCENARIO
     inputs = output.fingerprints({"experiment": asked["experiment"], **options.student_files(named)})
-    config = output.describe("compare", asked, inputs)
+    config = output.describe("compare", asked, inputs, options.compiled_with(named))
     with ExitStack() as stack:
         if out is not None and unfinished is not None:
             if resume and unfinished.config is None and output.is_complete(out, config):

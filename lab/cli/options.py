@@ -1,6 +1,7 @@
 """Options that the commands share, and what they turn into."""
 
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,6 +46,14 @@ LandmarkNoise = Annotated[
 ]
 OutputFolder = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", parser=a_path, help="Write tables and figures there.")
+]
+Backend = Annotated[
+    str,
+    typer.Option(
+        "--backend",
+        metavar="NAME",
+        help="Who runs the filters: numpy, numba (compiled), or auto: compiled where it is installed and pays.",
+    ),
 ]
 
 
@@ -172,6 +181,51 @@ def parse_solvers(texts: Iterable[str], experiment: "Experiment") -> "dict[str, 
                 raise InputError(f"{text.strip()}: {error}") from None
         solvers[label] = solver
     return solvers
+
+
+def settle_backend(name: str, sizes: list[int]) -> str:
+    """Return the backend that these numbers of particles will have: numpy where nothing is to be compiled.
+
+    What `lab.fast` has to say of a machine without working kernels goes to standard error, once.
+
+    Raises
+    ------
+    InputError
+        The backend is not known.
+    """
+    import warnings
+
+    from lab.solvers.backends import BACKENDS, is_compiled
+
+    if name not in BACKENDS:
+        raise InputError(f"--backend is one of {', '.join(BACKENDS)}, not {name!r}.")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        compiled = [is_compiled(name, size) for size in sizes]
+    for each in said:
+        if each.category is RuntimeWarning:
+            typer.echo(f"slam-lab: {each.message}.", err=True)
+    return name if any(compiled) else "numpy"
+
+
+def with_backend(solvers: "dict[str, Solver]", backend: str) -> "dict[str, Solver]":
+    """Bind the backend to each solver of the laboratory that was not given one."""
+    from functools import partial
+
+    if backend == "numpy":  # which they have by themselves
+        return solvers
+    return {
+        label: partial(solver, backend=backend)  # type: ignore[call-arg]
+        if _is_ours(solver) and "backend" not in getattr(solver, "keywords", {})
+        else solver
+        for label, solver in solvers.items()
+    }
+
+
+def compiled_with(solvers: "dict[str, Solver]") -> tuple[str, ...]:
+    """Return the packages, beyond those that are always there, on which the numbers of these solvers depend."""
+    backends = {getattr(solver, "keywords", {}).get("backend", "numpy") for solver in solvers.values()}
+    return ("numba",) if backends - {"numpy"} and find_spec("numba") else ()
 
 
 def student_files(solvers: "dict[str, Solver]") -> dict[str, Path]:

@@ -106,7 +106,9 @@ def fingerprints(files: dict[str, Path | None]) -> dict[str, dict[str, str]]:
     return found
 
 
-def describe(command: str, arguments: dict[str, Any], inputs: dict[str, dict[str, str]]) -> dict[str, Any]:
+def describe(
+    command: str, arguments: dict[str, Any], inputs: dict[str, dict[str, str]], also: tuple[str, ...] = ()
+) -> dict[str, Any]:
     """Return how a result is made: the command that repeats it, its input files, and the versions used.
 
     Parameters
@@ -117,6 +119,8 @@ def describe(command: str, arguments: dict[str, Any], inputs: dict[str, dict[str
         Every option by its long name; None for one that was not given, True for a switch, a tuple for several words.
     inputs : dict
         What `fingerprints` returned.
+    also : tuple of str
+        Packages used this time, whose versions matter.
     """
     given = {name: value for name, value in arguments.items() if value is not None and value is not False}
     words = [word for name, value in given.items() for word in _typed(name, value)]
@@ -126,7 +130,7 @@ def describe(command: str, arguments: dict[str, Any], inputs: dict[str, dict[str
         "arguments": {name: _recorded(value) for name, value in given.items()},
         "inputs": inputs,
         "versions": {"toy-slam-lab": lab.__version__, "python": platform.python_version()}
-        | {name: version(name) for name in PACKAGES},
+        | {name: version(name) for name in (*PACKAGES, *also)},
         "platform": platform.platform(),
     }
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lab.cli import options
-from lab.cli.options import ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
+from lab.cli.options import Backend, ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
 from lab.validation import InputError, whole_number
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def run(
     repetition: Annotated[
         int, typer.Option("--run", metavar="R", help="Which run: the same numbers as run R of compare.")
     ] = 0,
+    backend: Backend = "auto",
     out: OutputFolder = None,
 ) -> None:
     """Run one filter once and show where it is, and how far from exact."""
@@ -42,6 +43,8 @@ def run(
     whole_number("--run", repetition, at_least=0)
     whole_number("--seed", seed, at_least=0)
     prepared = _prepare(solver, source)
+    backend = options.settle_backend(backend, [particles] if prepared else [])
+    prepared = options.with_backend(prepared, backend)
     arguments = {
         "solver": solver,
         "experiment": experiment,
@@ -50,6 +53,7 @@ def run(
         "particles": particles,
         "seed": seed,
         "run": repetition,
+        "backend": backend,
     }
     inputs = output.fingerprints({"experiment": experiment, **options.student_files(prepared)})
     with ExitStack() as stack:
@@ -65,7 +69,7 @@ def run(
             table.to_csv(folder / "moments.csv", index=False)
             source.save(folder / "experiment.npz")
             pictures.write_estimate(folder, "", filtered, exact, source, name)
-            output.write_config(folder, output.describe("run", arguments, inputs))
+            output.write_config(folder, output.describe("run", arguments, inputs, options.compiled_with(prepared)))
     if out is not None:
         with output.deaf_reader():
             typer.echo(f"\nTables and figures are in {out}.")

@@ -22,6 +22,8 @@ from lab import resampling, weights
 from lab.problem import Problem, require_problem
 from lab.resampling import Ancestors, Resampler
 from lab.result import Filtered, Step, collect
+from lab.solvers import compiled
+from lab.solvers.backends import is_compiled
 from lab.solvers.proposals import Cloud, GaussianProposal, delayed, optimal, prior, rbpf_optimal, rbpf_prior
 from lab.solvers.protocol import Proposal
 from lab.validation import Array, InputError, real_array, require_generator, whole_number
@@ -62,14 +64,9 @@ def particle_steps(
     InputError
         An argument is out of range, or every weight is zero at some k, which is named.
     """
-    require_problem(problem)
-    require_generator(rng)
-    n_particles = whole_number("n_particles", n_particles, at_least=1)
-    ess_threshold = float(real_array("ess_threshold", ess_threshold, ()))
-    if not 0 <= ess_threshold <= 1:
-        raise InputError(f"ess_threshold must lie between 0 and 1, not {ess_threshold}.")
-    scheme = resampling.resolve(resample)
+    n_particles, ess_threshold, scheme = _checked_options(problem, rng, n_particles, ess_threshold, resample)
     even = np.full(n_particles, 1 / n_particles)
+    log_even = np.log(even)
     cloud, w = getattr(proposal, "start", prior.start)(problem, n_particles, rng), even
     lineage = np.arange(n_particles)  # of each particle, its ancestor at time 0
     survivors, log_evidence = n_particles, 0.0
@@ -77,9 +74,9 @@ def particle_steps(
     for k in range(1, problem.n_instants):
         if weights.ess(w) <= ess_threshold * n_particles * (1 + ROUNDING):
             ancestors = _checked(scheme(w, rng), n_particles)
-            cloud = replace(cloud, particles=cloud.particles[:, ancestors], log_weights=np.log(even))
+            cloud = replace(cloud, particles=np.take(cloud.particles, ancestors, axis=1), log_weights=log_even)
             lineage = lineage[ancestors]
-            survivors = len(np.unique(lineage))
+            survivors = int(np.count_nonzero(np.bincount(lineage)))
         cloud.particles.flags.writeable = False  # the step before holds them, too
         moved, increment = _checked_move(proposal(cloud, k, problem, rng), cloud)
         log_weights = cloud.log_weights + increment
@@ -100,7 +97,7 @@ def _step(cloud: Cloud, w: Array, log_evidence: float, survivors: int) -> Step:
     return Step(mean, cov + cloud.cov, log_evidence, weights.ess(w), survivors, cloud)
 
 
-def sis(problem: Problem, rng: np.random.Generator, *, n_particles: int = 1000) -> Filtered:
+def sis(problem: Problem, rng: np.random.Generator, *, n_particles: int = 1000, backend: str = "numpy") -> Filtered:
     """Run sequential importance sampling: prior dynamics as importance function, no resampling.
 
     Parameters
@@ -109,6 +106,8 @@ def sis(problem: Problem, rng: np.random.Generator, *, n_particles: int = 1000) 
     rng : numpy.random.Generator
     n_particles : int
         P, at least 1.
+    backend : str
+        As in `sir`.
 
     Returns
     -------
@@ -123,7 +122,7 @@ def sis(problem: Problem, rng: np.random.Generator, *, n_particles: int = 1000) 
     -----
     Source: questions 3 and 4 of the handout.
     """
-    return sir(problem, rng, n_particles=n_particles, ess_threshold=0.0)
+    return sir(problem, rng, n_particles=n_particles, ess_threshold=0.0, backend=backend)
 
 
 def sir(
@@ -133,6 +132,7 @@ def sir(
     n_particles: int = 1000,
     ess_threshold: float = 0.5,
     resample: str | Resampler = "systematic",
+    backend: str = "numpy",
 ) -> Filtered:
     """Run sampling importance resampling: `sis` that resamples when the effective sample size has fallen.
 
@@ -146,6 +146,9 @@ def sir(
         In [0, 1]: resample when ESS <= threshold * P; 0 is SIS, 1 resamples at every instant.
     resample : str or Resampler
         "systematic", "stratified", "residual", "multinomial", or a function (weights, rng) -> ancestors.
+    backend : str
+        "numpy"; "numba", the compiled loop of `lab.fast`, for named schemes; "auto" for the compiled one where it pays.
+        Results per seed are the same within a backend and equal in distribution across them.
 
     Returns
     -------
@@ -160,7 +163,7 @@ def sir(
     -----
     Source: questions 6 and 7 of the handout; Gordon, Salmond and Smith (1993).
     """
-    return _filter(problem, rng, prior, n_particles, ess_threshold, resample)
+    return _filter(problem, rng, prior, n_particles, ess_threshold, resample, backend)
 
 
 def guided(
@@ -171,6 +174,7 @@ def guided(
     proposal: str = "delayed",
     ess_threshold: float = 0.5,
     resample: str | Resampler = "systematic",
+    backend: str = "numpy",
 ) -> Filtered:
     """Run a particle filter whose importance function looks at the measurement.
 
@@ -182,7 +186,7 @@ def guided(
         P, at least 1.
     proposal : str
         "delayed" leaves a landmark unsampled until it is first seen, "optimal" samples everything from the start.
-    ess_threshold, resample
+    ess_threshold, resample, backend
         As in `sir`.
 
     Returns
@@ -198,7 +202,7 @@ def guided(
     -----
     Source: question 9 of the handout; Doucet, Godsill and Andrieu (2000).
     """
-    return _filter(problem, rng, _named(proposal, GUIDED), n_particles, ess_threshold, resample)
+    return _filter(problem, rng, _named(proposal, GUIDED), n_particles, ess_threshold, resample, backend)
 
 
 def rbpf(
@@ -209,6 +213,7 @@ def rbpf(
     proposal: str = "optimal",
     ess_threshold: float = 0.5,
     resample: str | Resampler = "systematic",
+    backend: str = "numpy",
 ) -> Filtered:
     """Run the Rao-Blackwellized filter: the robot by particles, the landmarks by conditional Gaussians.
 
@@ -220,7 +225,7 @@ def rbpf(
         P, at least 1.
     proposal : str
         "optimal" draws the robot from p(r_k given r_0..r_{k-1}, z_1..z_k), "prior" from its dynamics.
-    ess_threshold, resample
+    ess_threshold, resample, backend
         As in `sir`.
 
     Returns
@@ -237,21 +242,39 @@ def rbpf(
     -----
     Source: question 10 of the handout; Montemerlo, Thrun, Koller and Wegbreit (2002); Murphy (1999).
     """
-    return _filter(problem, rng, _named(proposal, RAO_BLACKWELLIZED), n_particles, ess_threshold, resample)
+    return _filter(problem, rng, _named(proposal, RAO_BLACKWELLIZED), n_particles, ess_threshold, resample, backend)
 
 
 def _filter(
     problem: Problem,
     rng: np.random.Generator,
-    proposal: Proposal,
+    proposal: GaussianProposal,
     n_particles: int,
     ess_threshold: float,
     resample: str | Resampler,
+    backend: str,
 ) -> Filtered:
+    if is_compiled(backend, n_particles, resample):
+        n_particles, ess_threshold, _ = _checked_options(problem, rng, n_particles, ess_threshold, resample)
+        settings: dict[str, Any] = {"n_particles": n_particles, "ess_threshold": ess_threshold, "resample": resample}
+        return compiled.run(problem, rng, proposal=proposal, **settings)
     steps = particle_steps(
         problem, rng, proposal=proposal, n_particles=n_particles, ess_threshold=ess_threshold, resample=resample
     )
     return collect(steps)
+
+
+def _checked_options(
+    problem: Any, rng: Any, n_particles: Any, ess_threshold: Any, resample: Any
+) -> tuple[int, float, Resampler]:
+    """Return the options of a filter when they can be used, the resampling scheme as a function."""
+    require_problem(problem)
+    require_generator(rng)
+    n_particles = whole_number("n_particles", n_particles, at_least=1)
+    ess_threshold = float(real_array("ess_threshold", ess_threshold, ()))
+    if not 0 <= ess_threshold <= 1:
+        raise InputError(f"ess_threshold must lie between 0 and 1, not {ess_threshold}.")
+    return n_particles, ess_threshold, resampling.resolve(resample)
 
 
 def _named(name: str, proposals: dict[str, GaussianProposal]) -> GaussianProposal:

@@ -21,6 +21,7 @@ Source: questions 3, 9 and 10 of the handout; Doucet, Godsill and Andrieu (2000)
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from lab.problem import Problem
 from lab.validation import Array, InputError
 
 Rows = Any  # (d,) array of int: components of the state
+REMEMBERED = 200  # components of a state whose laws are kept: each holds a covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +120,16 @@ class GaussianProposal:
         InputError
             S is singular, so that z_k has no density.
         """
+        known = _laws.setdefault(problem, {})
+        before = known.get((self, k))
+        if before is not None and np.array_equal(before[0], cov):
+            return before[1]
+        law = self._computed_law(cov, k, problem)
+        if len(cov) <= REMEMBERED:
+            known[self, k] = (np.array(cov), law)
+        return law
+
+    def _computed_law(self, cov: Array, k: int, problem: Problem) -> StepLaw:
         model, rows = problem.model, self.sampled(problem, k)
         z, H, R = problem.seen(k)
         _, predicted = gaussian.predict(model.m0, cov, model.F, model.B, model.noise_cov)
@@ -134,6 +146,8 @@ class GaussianProposal:
         updated = gaussian.joseph(predicted, K, H, R)
         if self.look_ahead:
             spread, updated = gaussian.split(updated, rows)
+        for array in (spread, S, K, updated):
+            array.flags.writeable = False  # all runs on this problem share them
         return StepLaw(not self.look_ahead, spread, z, H, S, K, updated)
 
     def laws(self, problem: Problem) -> Iterator[StepLaw]:
@@ -148,11 +162,13 @@ class GaussianProposal:
         """Return the cloud moved to instant k and its log-weight increments (P,)."""
         law, model, moving = self.law(cloud.cov, k, problem), problem.model, problem.model.moving
         particles = cloud.particles.copy()
-        particles[moving] = model.F[moving] @ cloud.particles + model.B[moving, np.newaxis]
+        read = model.F[moving].any(axis=0)
+        particles[moving] = model.F[np.ix_(moving, read)] @ cloud.particles[read] + model.B[moving, np.newaxis]
         normals = rng.standard_normal((law.spread.shape[1], particles.shape[1]))
         if law.draw_first:
             _add(particles, law.spread, normals)
-        innovation = law.z[:, np.newaxis] - law.H @ particles
+        read = law.H.any(axis=0)
+        innovation = law.z[:, np.newaxis] - law.H[:, read] @ particles[read]
         increment = gaussian.log_density(innovation, law.S)
         _add(particles, law.K, innovation)
         if not law.draw_first:
@@ -179,6 +195,8 @@ def _add(particles: Array, map_: Array, deviations: Array) -> None:
     rows = np.flatnonzero(map_.any(axis=1))
     particles[rows] += map_[rows] @ deviations
 
+
+_laws: WeakKeyDictionary[Problem, dict[Any, tuple[Array, StepLaw]]] = WeakKeyDictionary()  # problems never change
 
 prior = GaussianProposal(look_ahead=False, sampled=_everything)
 optimal = GaussianProposal(look_ahead=True, sampled=_everything)

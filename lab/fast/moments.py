@@ -1,0 +1,96 @@
+"""Sums behind mean and covariance, over one block of particles at a time while it is in the cache.
+
+Question answered: how are sum w (x - c) and sum w (x - c)(x - c)' taken while the particles are at hand anyway?  Rows
+of a block are taken three by three, so that nine sums stay in registers.  Rows that are the same within a group of
+neighbours (landmarks of one ancestor) need the sums of the group only, W_g and sum w (x - c):
+
+    sum w (x - c)(m - c)' = sum over g of [sum over i in g of w_i (x_i - c)] (m_g - c)'
+
+c is any point near the mean; what is lost by one that is not near enough is for the caller to judge.
+Called by `lab.fast.loop`.
+"""
+
+from numba import njit
+
+from lab.fast.normals import LANES
+from lab.validation import Array
+
+TILE = 3
+
+
+@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+def weigh(centred: Array, weights: Array, weighted: Array, n_rows: int, part: Array) -> None:
+    """Set weighted = w * centred, and `part` to the sums of its rows."""
+    for i in range(n_rows):
+        total = 0.0
+        for lane in range(LANES):
+            value = weights[lane] * centred[i, lane]
+            weighted[i, lane] = value
+            total += value
+        part[i] = total
+
+
+@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+def _tile(centred: Array, weighted: Array, i: int, j: int, second: Array) -> None:
+    """Add nine products of rows i, i + 1, i + 2 and j, j + 1, j + 2."""
+    s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
+    for lane in range(LANES):
+        a0, a1, a2 = weighted[i, lane], weighted[i + 1, lane], weighted[i + 2, lane]
+        b0, b1, b2 = centred[j, lane], centred[j + 1, lane], centred[j + 2, lane]
+        s00 += a0 * b0
+        s01 += a0 * b1
+        s02 += a0 * b2
+        s10 += a1 * b0
+        s11 += a1 * b1
+        s12 += a1 * b2
+        s20 += a2 * b0
+        s21 += a2 * b1
+        s22 += a2 * b2
+    second[i, j] += s00
+    second[i, j + 1] += s01
+    second[i, j + 2] += s02
+    second[i + 1, j] += s10
+    second[i + 1, j + 1] += s11
+    second[i + 1, j + 2] += s12
+    second[i + 2, j] += s20
+    second[i + 2, j + 1] += s21
+    second[i + 2, j + 2] += s22
+
+
+@njit(error_model="numpy", nogil=True)
+def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> None:
+    """Add sum w (x - c)(x - c)' to the tiles of `second` on and above the diagonal.
+
+    Rows beyond `n_rows`, up to the next multiple of three, must be there and hold zeros.
+    """
+    for i in range(0, n_rows, TILE):
+        for j in range(i, n_rows, TILE):
+            _tile(centred, weighted, i, j, second)
+
+
+@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+def sum_segment(weights: Array, weighted: Array, n_active: int, low: int, high: int, part: Array) -> float:
+    """Return the sum of the weights of a group, lanes low..high - 1, and set `part` to the sums of its rows."""
+    total = 0.0
+    for lane in range(low, high):
+        total += weights[lane]
+    for i in range(n_active):
+        value = 0.0
+        for lane in range(low, high):
+            value += weighted[i, lane]
+        part[i] = value
+    return total
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def add_shared(total: float, part: Array, n_active: int, shared: Array, first: Array, second: Array) -> None:
+    """Add what a group contributes with the rows, from `n_active` on, that its particles share: values minus c."""
+    n = n_active + len(shared)
+    for i in range(n_active):
+        for j in range(n_active, n):
+            second[i, j] += part[i] * shared[j - n_active]
+    for i in range(n_active, n):
+        value = total * shared[i - n_active]
+        first[i] += value
+        for j in range(i, n):
+            second[i, j] += value * shared[j - n_active]
