@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from lab.fast.arithmetic import exp
+from lab.fast.arithmetic import SMALLEST, exp
 from lab.fast.moments import TILE, add_shared, products, sum_segment, weigh
 from lab.fast.normals import LANES, normals
 from lab.fast.offspring import resample
@@ -428,6 +428,8 @@ def build(sources: int) -> Any:
                 group = 0
                 for b in range(blocks):
                     groups = count_groups(starts, n_groups, group, b) if n_static else 1
+                    # a block without a weight above 0 adds nothing
+                    summed = not collapsed if attempt == 0 else largest_of(logs, b) - largest > SMALLEST
                     if attempt == 0:
                         normals(state, noise, e)
                         if k == 0:
@@ -437,7 +439,7 @@ def build(sources: int) -> Any:
                         elif resampled:
                             fetch(x, other, ancestors, b, n, a)
                     for j in range(n_static):
-                        if groups > DENSE or (wanted[j] and attempt == 0):
+                        if (groups > DENSE and summed) or (wanted[j] and attempt == 0):
                             lay_out(rows, static, starts, n_groups, group, groups, b, j)
                     if attempt == 0:
                         if k:
@@ -453,7 +455,7 @@ def build(sources: int) -> Any:
                             if not collapsed:
                                 rescale(math.exp(largest - top), totals, first, second)
                             largest, heaviest = top, b
-                    if largest > -np.inf and not (attempt == 0 and collapsed):
+                    if summed and largest > -np.inf:
                         total = weights_of(logs, b, largest, weights, totals)
                         add_moments(
                             *(x, rows, weights, total, static, starts, n_groups, group, groups, b, centre, a),
