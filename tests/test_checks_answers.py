@@ -7,7 +7,7 @@ import pytest
 from bank import CODES, RANDOM, chaff, chaffs, verdict_on_chaff, verdict_on_wheat, wheats
 
 from lab import weights as lab_weights
-from lab.checks import Verdict, check, exact, forms, naming, reference, worlds
+from lab.checks import QUESTIONS, Verdict, check, exact, forms, naming, reference, worlds
 from lab.checks.inputs import cases
 from lab.checks.mistakes import CATALOGUE, mutants
 from lab.result import Filtered
@@ -63,7 +63,7 @@ def test_wrong_random_answers_are_refused(number, key, mistake):
 @pytest.mark.parametrize("key", EXACT)
 def test_every_mutant_differs_from_the_right_answer(key):
     """Else its mistake could not be found, or a right answer would be called by its name."""
-    right = naming.right_results(key)[0]
+    right = naming.right_results(key)
     tolerant = [
         mistake
         for number, (mistake, _) in enumerate(mutants(key))
@@ -255,7 +255,7 @@ def test_prints_and_global_draws_leave_no_trace(capsys):
 
 
 def test_the_notebooks_data_are_named():
-    scope = {"np": np, "X": np.zeros((12, 50)), "__name__": "notebook"}
+    scope = {"np": np, "X": np.sqrt(np.arange(600.0)).reshape(12, 50), "__name__": "notebook"}
     source = chaff_source_with_truth()
     exec(source, scope)
     verdict = check("q1d-step", scope["kalman_step"])
@@ -276,6 +276,87 @@ def kalman_step(mean, cov, z, H, R, model):
         cov = cov - K @ S @ K.T
     return mean, cov
 """
+
+
+def test_a_replaced_numpy_is_noticed_and_put_back(monkeypatch):
+    """The checks compute with numpy, so that a student's abs, shadowing np.abs, would make everything right."""
+
+    def effective_sample_size(weights):
+        np.abs = lambda a: 0 * np.asarray(a)
+        return 3.0
+
+    before = np.abs
+    monkeypatch.setattr(np, "abs", before)
+    verdict = check("q5", effective_sample_size)
+    assert not verdict.passed
+    assert "replaced (abs)" in verdict.reason
+    assert np.abs is before
+
+
+def test_errors_and_results_that_raise_when_looked_at():
+    class Odd(Exception):
+        def __str__(self):
+            raise RuntimeError
+
+    class Box:
+        def __array__(self, *args, **kwargs):
+            raise RuntimeError
+
+    def raises(weights):
+        raise Odd
+
+    def chatters(weights):
+        raise ValueError("x" * 10**6)
+
+    assert "It raises Odd" in check("q5", raises).reason
+    assert len(check("q5", chatters).reason) < 500
+    assert "Ess is a Box, not an array of numbers" in check("q5", lambda weights: Box()).reason
+
+
+def test_rounded_quantiles_are_right_and_neighbours_are_not():
+    def corridor_of(factor):
+        return lambda means, covs: (means - factor * _stds(covs), means + factor * _stds(covs))
+
+    passed = [
+        factor for factor in (2.9, 2.93, 2.9677, 2.97, 3.0, 3.02, 3.035, 3.1) if check_corridor(corridor_of(factor))
+    ]
+    assert passed == [2.93, 2.9677, 2.97, 3.0, 3.02]
+
+    def ellipse_of(radius):
+        angles = np.linspace(0, 2 * np.pi, 60)
+        circle = np.array([np.cos(angles), np.sin(angles)])
+        return lambda mean, cov, n_points: mean[:, None] + radius * np.linalg.cholesky(cov) @ circle
+
+    passed = [r for r in (3.0, 3.03, 3.035, 9.21**0.5, 3.04, 3.06) if check("q4b-ellipse", ellipse_of(r)).passed]
+    assert passed == [3.03, 3.035, 9.21**0.5, 3.04]
+
+
+def _stds(covs):
+    return np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
+
+
+def check_corridor(answer):
+    return check("q4b-corridor", answer).passed
+
+
+def test_advice_at_the_edges():
+    """What happens once in 10^15 draws, or by convention, is advice and no failure."""
+
+    def select_ancestors(weights, points):
+        return np.searchsorted(np.cumsum(weights), points)
+
+    verdict = check("q6-ancestors", select_ancestors)
+    assert verdict.passed
+    assert "through rounding" in verdict.hint
+
+    def sir_step(particles, weights, noise, points, z, H, R, model, threshold):
+        if 1 / np.sum(weights**2) < threshold * len(weights):
+            particles, weights = particles[:, reference.select_ancestors(weights, points)], np.full(len(weights), 1.0)
+        return reference.sis_step(particles, weights / weights.sum(), noise, z, H, R, model)
+
+    verdict = exact.examine(next(q for q in QUESTIONS if q.key == "q6-step"), sir_step, lambda module, name: False)
+    assert verdict.passed
+    assert "The table says <=" in verdict.hint
 
 
 def test_two_mistakes_that_agree_are_both_named():

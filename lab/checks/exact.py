@@ -12,8 +12,8 @@ import numpy as np
 
 from lab.checks import guard, reference
 from lab.checks.forms import SECONDS, Form, Result, forms, joined, read_outcome
-from lab.checks.inputs import Case, cases, uncertain_robot
-from lab.checks.naming import ACCEPTED, by_message, global_data, name, right_results, same
+from lab.checks.inputs import Case, cases, edges, equality, uncertain_robot
+from lab.checks.naming import ACCEPTED, by_message, by_pattern, global_data, name, right_results, same
 from lab.checks.questions import Question
 from lab.checks.verdict import Verdict
 from lab.checks.words import difference, edited, in_words, ours, pattern, upper
@@ -35,12 +35,16 @@ def examine(question: Question, answer: Callable[..., Any], watch: Callable[[str
         return ours(key, used)
     results = [result for result, _ in outcomes]
     right = right_results(key)
-    wrong = [i for i, result in enumerate(results) if not any(same(result, r[i], ACCEPTED) for r in right)]
+    wrong = [i for i, result in enumerate(results) if not same(result, right[i], ACCEPTED)]
     if wrong:
-        return _explain(question, answer, results, wrong, right[0])
+        return _explain(question, answer, results, wrong, right)
     changed = next((call.changed for call in calls if call.changed), ())
     if changed:
         return Verdict(key, False, *edited(changed), mistake="edits-arguments")
+    if key == "q2c" and _one_when_blind(question, answer, turned):
+        reason, hint = in_words(["blind-density"])
+        found = "log density is 1, for the handout's world, nothing seen"
+        return Verdict(key, False, f"{reason} Found: {found}.", hint, "blind-density")
     return Verdict(key, True, f"public checks passed ({len(tried)}/{len(tried)}).", advice(question, answer, calls))
 
 
@@ -62,11 +66,35 @@ def advice(question: Question, answer: Callable[..., Any], calls: Sequence[guard
             said.append(
                 "This is right where the robot starts at a known point, which it does not in the older edition."
             )
+    if question.key == "q6-ancestors":
+        form, case = forms()["q6-ancestors"], edges()
+        expected = _run(form, reference.select_ancestors, case, question, False)[0]
+        if not same(_run(form, answer, case, question, False)[0], expected, ACCEPTED):
+            said.append(
+                "At the ends of [0, 1) it can choose a particle without weight, or one that does not exist: through"
+                " rounding, the cumulative weights may end a little below 1."
+            )
+    if question.key == "q6-step" and not _at_equality(question, answer):
+        said.append("The table says <=: with the threshold at 1, even weights are to be resampled, too.")
     if any(call.drew for call in calls):
         said.append("The function touches numpy's global random generator; nothing random is needed here.")
     if any(call.printed for call in calls):
         said.append("The function prints; remove that before it runs in a loop.")
     return " ".join(said)
+
+
+def _at_equality(question: Question, answer: Callable[..., Any]) -> bool:
+    """Whether the cloud is resampled when the effective sample size is exactly the threshold."""
+    form, case = forms()["q6-step"], equality()
+    expected = _run(form, reference.sir_step, case, question, False)[0]
+    return any(same(_run(form, answer, case, question, turned)[0], expected, ACCEPTED) for turned in (False, True))
+
+
+def _one_when_blind(question: Question, answer: Callable[..., Any], turned: bool) -> bool:
+    """Whether a log-density is 1 when nothing is seen: no constant, but the density in place of its logarithm."""
+    case = next(case for case in cases("q2c") if case.label.endswith("nothing seen"))
+    (value,) = _run(forms()["q2c"], answer, case, question, turned, keep=True)[0].arrays
+    return bool((value == 1).all())
 
 
 def _orientation(
@@ -117,7 +145,8 @@ def _explain(
     first = results[wrong[0]]
     found = f"{difference(forms()[key], first, right[wrong[0]])}, for {tried[wrong[0]].label}"
     passed = f"({len(tried) - len(wrong)}/{len(tried)} public checks passed)"
-    named = named or global_data(answer) or by_message(first.sentence if first.kind else "")
+    named = named or global_data(answer) or by_pattern(key, results, wrong)
+    named = named or by_message(key, first.sentence if first.kind else "")
     if named:
         reason, hint = in_words(named)
         return Verdict(key, False, f"{reason} Found: {found} {passed}.", hint, " ".join(named))

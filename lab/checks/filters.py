@@ -15,11 +15,12 @@ import numpy as np
 from lab.checks import limits, worlds
 from lab.checks.limits import Limit, limit
 from lab.checks.mistakes.densities import likelihoods
+from lab.checks.mistakes.filters import simulated
 from lab.checks.naming import global_data
-from lab.checks.occasions import look_at_resampling
+from lab.checks.occasions import look_at_resampling, look_at_reset
 from lab.checks.questions import Question
 from lab.checks.recipes import log_likelihood_with
-from lab.checks.running import Refused, declared_jitter, require_randomness, run_filter
+from lab.checks.running import PARTICLES, Refused, declared_jitter, require_randomness, run_filter
 from lab.checks.unbiased import BOUND, SLACK, doubtful, first_gap, fits, lacking_constant, refused, score, stacked
 from lab.checks.verdict import Verdict
 from lab.checks.words import in_words
@@ -59,9 +60,16 @@ def examine(
         if verdict is not None:
             return verdict
         said = []
+        _require_cloud(question, runs, problem)
         if question.key in ("q4-filter", "q6-filter"):
             said += look_at_resampling(question, solver, jitter, seed)
             passed += ["when it resamples", "that nothing else moves the landmarks"]
+        else:
+            look_at_reset(question, solver, jitter, seed)
+            passed.append("even weights after resampling")
+        if question.key == "q9-filter":
+            _looks(question, solver, problem, seed)
+            passed.append("that the draw looks at the measurement")
         if question.key == "q10-filter":
             _rao_blackwellized(question, runs, problem)
             passed.append("landmarks are not sampled")
@@ -103,11 +111,19 @@ def _judge(
             return None
     named = _by_one_particle(question, solver, problem)
     named = named or [mistake for mistake, found in limits.mistaken(problem) if fits(runs, found)]
+    named = named or _by_blocks(question, filtered)
     moments_fine = score(runs, right, weigh=False)[0] <= 1.5 * BOUND
     summed = runs._replace(log_evidence=np.cumsum(runs.log_evidence, axis=1))
     if not named and moments_fine and not refused(summed, right):
         named = ["evidence-increments"]
+    if moments_fine and not np.any(runs.log_evidence):
+        named = ["evidence-missing"]
     named = list(dict.fromkeys(named)) or global_data(solver)
+    if not named:
+        alike = list(dict.fromkeys(simulated(key, problem, list(filtered), PARTICLES)))
+        if moments_fine:
+            alike = [mistake for mistake in alike if mistake.startswith("evidence")] or alike
+        named = alike if len(alike) <= 3 else []  # more than that is a lack of evidence
     far = f"{worst:.0f}" if worst < 1000 else "more than 1000"
     found = f"{where} is {far} standard errors off over {len(filtered)} runs"
     if named:
@@ -121,10 +137,64 @@ def _judge(
     return Verdict(key, False, f"The filter does not estimate the exact moments: {found}.", hint)
 
 
+def _require_cloud(question: Question, runs: Sequence[Filtered], problem: Problem) -> None:
+    """Refuse particles that start at one and the same point, and effective sample sizes that cannot be.
+
+    A cloud whose particles share their random numbers is unbiased, too: only its spread gives it away.
+
+    Raises
+    ------
+    Refused
+    """
+    spread = np.mean([np.trace(run.covs[0]) for run in runs]) / np.trace(problem.model.P0)
+    if spread < 0.5:
+        reason, hint = in_words(["noise-shared"])
+        found = "the covariances at k = 0 are far too small"
+        raise Refused(Verdict(question.key, False, f"{reason} Found: {found}.", hint, "noise-shared"))
+    sizes = [np.asarray(run.ess, dtype=np.float64)[1:] for run in runs if run.ess is not None]
+    if not sizes:
+        return
+    key = "ess-of-filter"
+    low, high = float(np.min(sizes)), float(np.max(sizes))
+    if low < 1 - 1e-6 or high > PARTICLES * (1 + 1e-6):
+        reason, hint = in_words([key])
+        found = f"with {PARTICLES} particles ess goes from {low:.3g} to {high:.3g}"
+        raise Refused(Verdict(question.key, False, f"{reason} Found: {found}.", hint, key))
+
+
+def _looks(question: Question, solver: Callable[..., Any], problem: Problem, seed: int) -> None:
+    """Refuse a draw that does not depend on the measurement: the mean of one particle is where it went.
+
+    Raises
+    ------
+    Refused
+    """
+    z = problem.z.copy()
+    z[1] += 0.4
+    other = Problem(problem.model, z, problem.H, problem.R)
+    try:
+        one, two = (run_filter(question, solver, given, (seed, 400), 1) for given in (problem, other))
+    except Refused:
+        return  # it cannot run with one particle
+    if np.abs(one.means[1] - two.means[1]).max() < 1e-9:
+        reason, hint = in_words(["z-ignored-in-draw"])
+        raise Refused(Verdict(question.key, False, reason, hint, "z-ignored-in-draw"))
+
+
 def _constant(runs: Sequence[Filtered], right: Limit) -> str:
     if abs(first_gap(stacked(runs), right)) < SLACK:
         return ""
     return "Your likelihood lacks its constants: moments do not mind, but log_evidence is off by them."
+
+
+def _by_blocks(question: Question, runs: Sequence[Filtered]) -> list[str]:
+    """Return the mistakes that leave a block of the covariances at zero."""
+    covs = np.array([run.covs for run in runs])
+    if question.key == "q10-filter" and np.abs(covs[:, 0, 2:, 2:]).max() < 1e-12:
+        return ["rb-conditional-dropped"]
+    if np.abs(covs[:, :, :2, 2:]).max() < 1e-12 < np.abs(covs[:, 1:, :2, :2]).max():
+        return ["rb-cross-dropped" if question.key == "q10-filter" else "cross-terms-dropped"]
+    return []
 
 
 def _by_one_particle(question: Question, solver: Callable[..., Any], problem: Problem) -> list[str]:
@@ -140,6 +210,8 @@ def _by_one_particle(question: Question, solver: Callable[..., Any], problem: Pr
         return []
     instants = [k for k in range(1, problem.n_instants) if not np.isnan(problem.z[k]).all()]
     increments = np.array([np.diff(run.log_evidence)[[k - 1 for k in instants]] for run in runs])
+    if np.ptp(increments, axis=0).max() < 1e-9:
+        return []  # they do not depend on the particle, and say nothing
     found = []
     for key, likelihood in [("", log_likelihood_with()), *likelihoods()]:
         for shift in (0, -1):

@@ -4,7 +4,7 @@ Question answered: which arrays, under which names, came of a case; may particle
 `Form` per question that is compared exactly.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -41,8 +41,6 @@ class Form:
         Arguments that may be turned to (P, n), if results are turned, too.
     turned : tuple of int
         The results that are.
-    others : tuple of functions
-        Further right answers, where the question leaves a choice.
     densities : bool
         Whether results are log-densities, right up to a constant.
     """
@@ -51,13 +49,7 @@ class Form:
     names: tuple[str, ...]
     rows: tuple[int, ...] = ()
     turned: tuple[int, ...] = ()
-    others: tuple[Callable[..., Any], ...] = ()
     densities: bool = False
-
-
-def _corridor_by_quantile(means: Array, covs: Array) -> tuple[Array, Array]:
-    reach = 2.9677379253417944 * np.sqrt(np.diagonal(covs, axis1=1, axis2=2))
-    return means - reach, means + reach
 
 
 def _plain(key: str, *sizes: Any) -> tuple[Reader, tuple[str, ...]]:
@@ -89,7 +81,7 @@ def forms() -> dict[str, Form]:
         "q4-step": Form(*_plain("q4-step", like(0), like(1)), rows=(0, 2), turned=(0,)),
         "q4-evidence": Form(*_plain("q4-evidence", scalar)),
         "q4a": Form(*_plain("q4a", dimension, square), rows=(0,)),
-        "q4b-corridor": Form(*_plain("q4b-corridor", like(0), like(0)), others=(_corridor_by_quantile,)),
+        "q4b-corridor": Form(reading.corridor(BY_KEY["q4b-corridor"]), ("lower", "upper")),
         "q4b-ellipse": Form(reading.ellipse, ("centre", "size and direction")),
         "q5": Form(*_plain("q5", scalar)),
         "q6-ancestors": Form(reading.sorted_ancestors(BY_KEY["q6-ancestors"]), ("ancestors",)),
@@ -113,7 +105,7 @@ def forms() -> dict[str, Form]:
 def read_outcome(form: Form, made: guard.Outcome, args: Sequence[Any], turned: bool = False) -> Result:
     """Return the arrays of an outcome, or why there are none."""
     if made.error is not None:
-        kind = f"{type(made.error).__name__} {' '.join(guard.numbers_in(str(made.error)))}"
+        kind = f"{type(made.error).__name__} {' '.join(guard.numbers_in(guard.message(made.error)))}"
         return Result(kind=kind, sentence=guard.describe(made.error, made.line, SECONDS))
     value = made.value
     try:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 SECONDS = 20.0  # for one call
-KEPT = 200  # characters of what was printed
+KEPT = 200  # characters of what was printed, or of a message
 SMALL = 9  # entries: a global array with no more is a constant, such as an identity
 STAND_INS = "lab.checks.stand_ins"  # whose calls are not the answer's own
 OURS = ("lab.solvers", "lab.gaussian", "lab.weights", "lab.resampling", "lab.theory", "lab.compare", "lab.ekfslam")
@@ -163,11 +163,35 @@ def describe(error: BaseException, line: int, seconds: float = SECONDS) -> str:
         return "it calls itself without end (RecursionError)"
     if isinstance(error, SystemExit):
         return "it leaves Python (SystemExit) instead of returning"
-    text = " ".join(str(error).split())
+    text = message(error)
     if isinstance(error, ValueError) and "read-only" in text:
         text += ": it tries to write into the problem or the model"
     where = f" (line {line})" if line else ""
     return f"it raises {type(error).__name__}{': ' + text if text else ''}{where}"
+
+
+def message(error: BaseException) -> str:
+    """Return what an error says on one line, the beginning of it; some have a message that raises itself."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        return ""
+    text = "".join(letter for letter in text if letter.isprintable())
+    return text if len(text) <= KEPT else f"{text[:KEPT]} ..."
+
+
+_NUMPY = dict(vars(np))
+
+
+def replaced_in_numpy() -> list[str]:
+    """Return the functions of numpy that somebody has exchanged, and put the right ones back.
+
+    The checks compute with numpy themselves, and so would come to any result.
+    """
+    found = [name for name, was in _NUMPY.items() if callable(was) and vars(np).get(name) is not was]
+    for name in found:
+        setattr(np, name, _NUMPY[name])
+    return found
 
 
 def data_names(answer: Callable[..., Any]) -> list[str]:

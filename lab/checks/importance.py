@@ -9,6 +9,7 @@ has many children; their averages over independent batches give t-statistics.  W
 themselves: given where the children are, every wrong formula gives other numbers.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from lab.problem import Problem
 from lab.validation import Array
 
 PARENTS, CHILDREN, BATCHES = 5, 100, 40
+FEWER, SLOW = 25, 4.0  # children where the batches of one setting would take so many seconds: a loop over particles
 MORE = 160  # batches, where the first are doubtful
 DOUBTFUL, BOUND = 5.0, 7.0  # t-statistics, the largest of about 130 a case, as in lab.checks.unbiased
 STILL = 1e-6  # m
@@ -149,8 +151,15 @@ def _properly_weighted(
     question: Question, propose: Callable[..., Any], setting: Setting, turned: bool, seed: Any
 ) -> Verdict | None:
     model = setting.problem.model
-    cloud = np.repeat(setting.parents, CHILDREN, axis=1)
+    start = time.perf_counter()
+    small = np.repeat(setting.parents, FEWER, axis=1)
+    _call(question, propose, setting, small, turned, (*seed, BATCHES))
+    slow = BATCHES * (time.perf_counter() - start) > SLOW * FEWER / CHILDREN
+    cloud = small if slow else np.repeat(setting.parents, CHILDREN, axis=1)
     batches = [_call(question, propose, setting, cloud, turned, (*seed, batch)) for batch in range(BATCHES)]
+    if np.array_equal(batches[0][0], batches[1][0]) and np.ptp(batches[0][0] - cloud, axis=1).max() > STILL:
+        reason = "the children do not depend on rng: every call draws the same."
+        return Verdict(question.key, False, reason, "Which of your lines draw, and from what?", "not-random")
     still = np.flatnonzero(np.diag(model.noise_cov) == 0)
     strayed = max(np.abs(moved[still] - cloud[still]).max(initial=0) for moved, _ in batches)
     if strayed > STILL:
@@ -158,12 +167,17 @@ def _properly_weighted(
         hint = "Which components does the dynamics leave alone? A state that cannot be reached has no weight."
         return Verdict(question.key, False, reason, hint, "support-ignored")
     free = np.setdiff1d(np.arange(len(cloud)), still)
-    moved = batches[0][0][free].reshape(len(free), PARENTS, CHILDREN)
+    moved = batches[0][0][free].reshape(len(free), PARENTS, -1)
     if np.ptp(moved, axis=2).max() < STILL:
         reason, hint = in_words(["noise-shared"])
         return Verdict(
             question.key, False, f"{reason} Found: the children of a parent are equal.", hint, "noise-shared"
         )
+    unmoved = np.ptp(moved, axis=2).max(axis=1) < STILL
+    if unmoved[free >= 2].any():
+        reason, hint = in_words(["landmark-noise-ignored"])
+        found = f"landmarks stand still, for {setting.label}"
+        return Verdict(question.key, False, f"{reason} Found: {found}.", hint, "landmark-noise-ignored")
     if not any(np.isfinite(logs).any() for _, logs in batches):
         return Verdict(question.key, False, f"all log_increments are -inf, for {setting.label}.")
     worst, _ = score(setting, batches)
@@ -173,7 +187,7 @@ def _properly_weighted(
     worst, where = score(setting, more)
     if worst <= BOUND:
         return None
-    named = _named(setting, cloud, batches[0])
+    named = _named(setting, cloud, batches[0]) or _by_draws(setting, cloud, batches)
     far = f"{worst:.0f}" if worst < 1000 else "more than 1000"
     found = f"{where} is {far} standard errors off, for {setting.label}"
     if named:
@@ -201,16 +215,16 @@ def score(setting: Setting, batches: list[tuple[Array, Array]]) -> tuple[float, 
     moving = np.flatnonzero(np.diag(setting.problem.model.noise_cov) > 0)
     share = np.exp(logs - logs.max())
     share /= share.sum()
-    increments = np.array([increments for _, increments in batches]).reshape(-1, PARENTS, CHILDREN)
+    increments = np.array([increments for _, increments in batches]).reshape(len(batches), PARENTS, -1)
     W = np.exp(increments - increments.max())
-    moved = np.array([moved[moving] for moved, _ in batches]).reshape(len(W), len(moving), PARENTS, CHILDREN)
+    moved = np.array([moved[moving] for moved, _ in batches]).reshape(len(W), len(moving), PARENTS, -1)
     d = moved - means[moving, :, np.newaxis]
     averages = W.mean(axis=2)
     totals = averages - averages.sum(axis=1, keepdims=True) * share
     weighted = W[:, np.newaxis] * d
     firsts = weighted.mean(axis=3)
     spreads = cov[np.ix_(moving, moving)][:, :, np.newaxis] * averages[:, np.newaxis, np.newaxis]
-    seconds = np.einsum("biqc,bjqc->bijq", weighted, d) / CHILDREN - spreads
+    seconds = np.einsum("biqc,bjqc->bijq", weighted, d) / W.shape[2] - spreads
     size = float(W.mean())
     found = []
     for name, values in (
@@ -263,7 +277,11 @@ def _wrong(setting: Setting, parents: Array, children: Array) -> Iterator[tuple[
         yield "wrong-point", seen(parents, R) + transition - drawn
         yield "linear-not-log", np.exp(seen(predicted, S))
         yield "linear-not-log", np.exp(likelihood + transition - drawn)
+        yield "linear-not-log", np.exp(seen(predicted, S) - seen(predicted, S).max())
+        weights = np.exp(seen(predicted, S) - seen(predicted, S).max())
+        yield "linear-not-log", weights / weights.sum()
         yield "half-missing", 2 * seen(predicted, S)
+        yield "r-diagonal", seen(predicted, H @ Q @ H.T + np.diag(np.diag(R)))
         if np.linalg.matrix_rank(H @ Q @ H.T) == len(z):
             yield "parent-without-measurement", seen(predicted, H @ Q @ H.T)
 
@@ -279,6 +297,48 @@ def _named(setting: Setting, cloud: Array, batch: tuple[Array, Array]) -> list[s
         if np.abs(gaps).max() <= TOLERANCE * max(np.ptp(wrong), 1.0):
             found.append(key)
     return list(dict.fromkeys(found))
+
+
+def _by_draws(setting: Setting, cloud: Array, batches: list[tuple[Array, Array]]) -> list[str]:
+    """Return the mistakes that show in where the optimal draw puts the children, and how they scatter."""
+    model, (z, H, R) = setting.problem.model, setting.problem.seen(setting.k)
+    if not len(z):
+        return []
+    Q, parents = model.noise_cov, setting.parents
+    predicted = model.F @ parents + model.B[:, np.newaxis]
+    K = np.linalg.solve(H @ Q @ H.T + R, H @ Q).T
+    left = Q - K @ H @ Q
+
+    def centre(at: Array, sign: float = 1.0) -> Array:
+        return at + sign * K @ (z[:, np.newaxis] - H @ at)
+
+    moved = np.array([children for children, _ in batches])
+    by_parent = moved.reshape(len(batches), *parents.shape, -1).transpose(1, 2, 0, 3).reshape(*parents.shape, -1)
+    means, covs = by_parent.mean(axis=2), [np.cov(by_parent[:2, i]) for i in range(parents.shape[1])]
+    error = by_parent.std(axis=2) / np.sqrt(by_parent.shape[2]) + 1e-9
+    right, right_cov = centre(predicted), left[:2, :2]
+    for key, middle in (
+        ("", right),
+        ("innovation-sign", centre(predicted, -1.0)),
+        ("b-omitted", centre(model.F @ parents)),
+        ("f-omitted", centre(parents)),
+        ("f-transposed", centre(model.F.T @ parents + model.B[:, np.newaxis])),
+        ("innovation-before-prediction", predicted + K @ (z[:, np.newaxis] - H @ parents)),
+    ):
+        if (np.abs(means - middle) < 5 * error).all():
+            if key:
+                return [key]
+            root = np.linalg.cholesky(right_cov)
+            for name, cov in (
+                ("drawn-with-prior", Q[:2, :2]),
+                ("variance-squared", right_cov @ right_cov),
+                ("q-transposed", root.T @ root),
+                ("diagonal-only", np.diag(np.diag(right_cov))),
+            ):
+                if all(np.abs(found - cov).max() < 0.1 * np.abs(cov).max() for found in covs):
+                    far = np.abs(cov - right_cov).max() > 0.2 * np.abs(right_cov).max()
+                    return [name] if far else []
+    return []
 
 
 def _looks(question: Question, propose: Callable[..., Any], setting: Setting, turned: bool) -> None:

@@ -152,6 +152,16 @@ def _sir_steps() -> list[Case]:
     return cases
 
 
+def equality() -> Case:
+    """Return a cloud whose effective sample size is the threshold, to the digit."""
+    moment = next(m for m in worlds.moments() if m.label.endswith("nothing seen"))
+    x, _, noise = worlds.cloud(moment, 16, 81)
+    points = (np.arange(16) + 0.5) / 16
+    points[1:4] = points[0]  # so that the choice shows
+    args = (x, np.full(16, 1 / 16), noise, np.sort(points), moment.z, moment.H, moment.R, moment.model, 1.0)
+    return Case("the effective sample size at the threshold", (args,))
+
+
 def _weights() -> list[Array]:
     rng = np.random.default_rng(31)
     uneven = rng.gamma(0.7, size=P)
@@ -221,6 +231,16 @@ def _ancestors() -> list[Case]:
         Case("one heavy particle", ((_heavy(19, 13), (np.arange(19) + rng.random()) / 19),)),
         Case("even weights", ((np.full(11, 1 / 11), (np.arange(11) + 0.5) / 11),)),
     ]
+
+
+def edges() -> Case:
+    """Return weights that sum to 1 but for rounding, none for the first particle, and points at both ends of [0, 1).
+
+    They come once in 10^15 draws, so a function that fails here is not refused.
+    """
+    weights = np.r_[0.0, np.full(120, 1 / 120)]
+    points = np.r_[0.0, np.sort(np.random.default_rng(35).random(119)), np.nextafter(1.0, 0)]
+    return Case("points at both ends of [0, 1)", ((weights, points),))
 
 
 def _heavy(n: int, which: int) -> Array:

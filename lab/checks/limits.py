@@ -133,7 +133,7 @@ def mistaken(problem: Problem) -> Iterator[tuple[str, Limit]]:
         ("deviation-as-variance", {"Q": _robot(Q, lambda A: np.diag(np.sqrt(np.diag(A))))}),
         ("variance-squared", {"Q": _robot(Q, lambda A: np.diag(np.diag(A) ** 2))}),
         ("diagonal-only", {"Q": _robot(Q, lambda A: np.diag(np.diag(A)))}),
-        ("p0-transposed", {"Q": _robot(Q, lambda A: _lower(A).T @ _lower(A))}),
+        ("q-transposed", {"Q": _robot(Q, lambda A: _lower(A).T @ _lower(A))}),
         ("noise-shared", {"Q": _robot(Q, lambda A: np.full((2, 2), A[0, 0]))}),
         ("noise-shared", {"Q": _robot(Q, lambda A: np.outer(np.sqrt(np.diag(A)), np.sqrt(np.diag(A))))}),
         ("p0-omitted", {"P0": 0 * P0}),
@@ -153,7 +153,14 @@ def mistaken(problem: Problem) -> Iterator[tuple[str, Limit]]:
         ("evidence-not-carried", {"marginal_evidence": True}),
     ):
         yield key, limit(problem, **changes)
-    yield "weights-unchanged", limit(problem, power=0.0)
+    right, blind = limit(problem), limit(problem, power=0.0)
+    yield "weights-unchanged", blind
+    d = right.means - blind.means
+    about = d[:, :, np.newaxis] * d[:, np.newaxis, :]
+    yield "weights-ignored", Limit(blind.means, blind.covs, right.log_evidence)
+    yield "weights-ignored", Limit(right.means, blind.covs + about, right.log_evidence)
+    yield "weights-ignored", Limit(right.means, blind.covs, right.log_evidence)
+    yield "weights-ignored", Limit(blind.means, right.covs + about, right.log_evidence)
     for key, select in SELECT:
         try:
             with np.errstate(all="ignore"):

@@ -18,6 +18,7 @@ from lab.checks.forms import Result, forms, joined, read_outcome
 from lab.checks.inputs import Case, cases
 from lab.checks.mistakes import mutants
 from lab.checks.questions import BY_KEY
+from lab.checks.reading import common_factor
 from lab.validation import Array
 
 ACCEPTED, SAME = 1e-6, 1e-8  # of the largest entry
@@ -37,6 +38,48 @@ def name(key: str, results: Sequence[Result], wrong: Sequence[int]) -> list[str]
     return list(dict.fromkeys(matching))
 
 
+def by_pattern(key: str, results: Sequence[Result], wrong: Sequence[int]) -> list[str]:
+    """Return the mistake that shows in how the results differ, whatever the numbers are."""
+    right = right_results(key)
+    if all(results[i].kind.startswith("IndexError") for i in wrong) and 0 not in wrong:
+        return ["retyped"]  # as many landmarks, or instants, as the handout has
+    if any(results[i].kind for i in wrong):
+        return []
+    pairs = [(results[i].arrays, right[i].arrays) for i in wrong]
+    if key in ("q4b-corridor", "q4b-ellipse") and all(_another_size(key, *pair) for pair in pairs):
+        return ["wrong-level"]
+    if key == "q4b-ellipse" and all(close(a[1], b[1], ACCEPTED) and np.abs(a[0]).max() < ACCEPTED for a, b in pairs):
+        return ["not-shifted"]
+    if key in ("q3-jitter", "q4-step", "q6-step", "q10-step") and all(_unnormalised(*pair) for pair in pairs):
+        return ["not-normalised"]
+    if key == "q1d-filter" and all(_unfilled(*pair) for pair in pairs):
+        return ["rows-not-filled"]
+    return []
+
+
+def _another_size(key: str, found: Sequence[Array], right: Sequence[Array]) -> bool:
+    """Whether a region has the right centre and shape, and another size."""
+    if key == "q4b-ellipse":
+        return close(found[0], right[0], ACCEPTED) and common_factor(found[1], right[1]) > 0
+    centred = close(found[0] + found[1], right[0] + right[1], ACCEPTED)
+    return centred and common_factor(found[1] - found[0], right[1] - right[0]) > 0
+
+
+def _unnormalised(found: Sequence[Array], right: Sequence[Array]) -> bool:
+    """Whether all is right but the sum of the weights, which come last, or a factor of each."""
+    fine = all(close(a, b, ACCEPTED) for a, b in zip(found[:-1], right[:-1], strict=True))
+    underflown = float(np.abs(found[-1]).sum()) < 1e-200
+    return fine and (underflown or common_factor(found[-1], right[-1]) > 0)
+
+
+def _unfilled(found: Sequence[Array], right: Sequence[Array]) -> bool:
+    """Whether the rows that are wrong hold zeros."""
+    off = [
+        ~np.isclose(a, b, rtol=0, atol=1e-6).reshape(len(a), -1).all(axis=1) for a, b in zip(found, right, strict=True)
+    ]
+    return all(not a[rows].any() for a, rows in zip(found, off, strict=True))
+
+
 def _length(case: Case) -> int:
     return int(getattr(case.calls[0][0], "n_instants", 0))
 
@@ -48,14 +91,9 @@ def of_mutant(key: str, number: int, case: int) -> Result:
 
 
 @cache
-def right_results(key: str) -> tuple[tuple[Result, ...], ...]:
-    """Return the results of the reference, and of the other right answers, on every case."""
-    question = BY_KEY[key]
-    answers = (getattr(reference, question.function), *forms()[key].others)
-    return tuple(_results(key, answer) for answer in answers)
-
-
-def _results(key: str, answer: Callable[..., Any]) -> tuple[Result, ...]:
+def right_results(key: str) -> tuple[Result, ...]:
+    """Return the results of the reference on every case."""
+    answer = getattr(reference, BY_KEY[key].function)
     return tuple(of_ours(key, answer, case) for case in cases(key))
 
 
@@ -92,8 +130,10 @@ def close(a: Array, b: Array, tolerance: float) -> bool:
     return bool(np.abs(a[finite] - b[finite]).max() <= tolerance * np.abs(b[finite]).max() + 1e-300)
 
 
-def by_message(text: str) -> list[str]:
-    """Return the mistake that a message of numpy or scipy gives away, if any."""
+def by_message(key: str, text: str) -> list[str]:
+    """Return the mistake that a message of numpy or scipy gives away, if any, where R is an argument."""
+    if not any(value.name in ("R", "problem") for value in BY_KEY[key].arguments):
+        return []
     if "infs or NaNs" in text:
         return ["nan-kept"]
     if "must be square" in text:

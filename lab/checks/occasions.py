@@ -16,9 +16,12 @@ from lab.checks.questions import Question
 from lab.checks.running import PARTICLES, Refused, run_alone, run_filter
 from lab.checks.verdict import Verdict
 from lab.checks.words import in_words
+from lab.problem import Problem
 from lab.result import Filtered
 
 SPREAD = 4.0  # a resampled cloud has this much less noise than one that is not, at least (it is about 20)
+SHARED = 0.2 * PARTICLES  # particles that share their noise stray P times as far as those that do not
+SEVERAL = 12  # runs
 STILL = 1e-6  # m
 
 
@@ -33,12 +36,23 @@ def look_at_resampling(question: Question, solver: Callable[..., Any], jitter: f
     if question.key == "q6-filter" and "ess_threshold" in inspect.signature(solver).parameters:
         options["ess_threshold"] = 0.5
     strong, weak = worlds.blinking("strong"), worlds.blinking("weak")
-    clouds = [run_filter(question, solver, strong, (seed, 100 + run), **options) for run in range(12)]
-    # after k = 1 nothing is seen: how much the mean robot strays tells how many particles carry it
-    model = strong.model
-    strays = np.array([run.means[4, :2] - (model.F @ run.means[3] + model.B)[:2] for run in clouds])
-    noise = PARTICLES * np.mean(np.sum(strays * np.linalg.solve(model.Q[:2, :2], strays.T).T, axis=1)) / 2
-    resamples = noise < SPREAD
+    still = [run_filter(question, solver, weak, (seed, 200 + run), **options) for run in range(SEVERAL)]
+    if _noise(still, weak) > SHARED:
+        found = "A mean of many particles strays as far as a single one."
+        raise Refused(_named(question, "noise-shared", found))
+    if not jitter:
+        _require_still(question, solver, weak, seed, options)
+        instants = _moving_instants(still, range(2, weak.n_instants))
+        if instants:
+            every = len(instants) == weak.n_instants - 2
+            key = "always-resampled" if every or instants == [2] else "fixed-instants"
+            ruined = [run_filter(question, solver, strong, (seed, 500 + run), **options) for run in range(SEVERAL)]
+            if key == "always-resampled" and question.key == "q6-filter" and _noise(ruined, strong) >= SPREAD:
+                key = "test-inverted"
+            said_when = f"The landmarks' moments change at k = {', '.join(map(str, instants))}, when nothing is seen"
+            raise Refused(_named(question, key, f"{said_when} and the weights are healthy (ESS about 0.9 P)."))
+    clouds = [run_filter(question, solver, strong, (seed, 100 + run), **options) for run in range(SEVERAL)]
+    resamples = _noise(clouds, strong) < SPREAD
     if question.key == "q4-filter" and resamples:
         raise Refused(_named(question, "always-resampled", "SIS never resamples, and this filter does."))
     if question.key == "q6-filter" and not resamples and _moving_instants(clouds, range(2, strong.n_instants)):
@@ -50,26 +64,65 @@ def look_at_resampling(question: Question, solver: Callable[..., Any], jitter: f
         )
     said = []
     if not jitter:
-        alone = run_alone(question, solver, weak, seed, options)
-        if alone is not None and np.abs(np.diff(alone.means[:, 2:], axis=0)).max() > STILL:
-            found = "A cloud of one particle has landmarks that move."
-            raise Refused(_named(question, "jitter-undeclared", found))
-        still = [run_filter(question, solver, weak, (seed, 200 + run), **options) for run in range(3)]
-        instants = _moving_instants(still, range(2, weak.n_instants))
-        if instants:
-            every = len(instants) == weak.n_instants - 2
-            key = "always-resampled" if every or instants == [2] else "fixed-instants"
-            said_when = f"The landmarks' moments change at k = {', '.join(map(str, instants))}, when nothing is seen"
-            raise Refused(_named(question, key, f"{said_when} and the weights are healthy (ESS about 0.9 P)."))
         instants = _moving_instants(clouds[:3], range(3, strong.n_instants))
         if instants:
             found = f"The landmarks' moments change at k = {instants[0]}, though the cloud was resampled before."
             raise Refused(_named(question, "weights-not-reset", found))
     if question.key == "q6-filter" and all(run.ess is not None and run.ess[1] > 0.999 * PARTICLES for run in clouds):
         said.append(
-            "The moments come after resampling, which adds noise to them: take them from the weighted cloud, before."
+            "The effective sample size is that after resampling. If the moments are, too, they are noisier than they"
+            " could be: take both from the weighted cloud, before."
         )
     return said
+
+
+def look_at_reset(question: Question, solver: Callable[..., Any], jitter: float, seed: int) -> None:
+    """Refuse a filter that resamples, so that landmarks change their moments, and keeps uneven weights.
+
+    Whether it resamples at all is left to an importance function, or to a Rao-Blackwellized filter.
+
+    Raises
+    ------
+    Refused
+    """
+    if jitter:
+        return
+    ruined = worlds.blinking("robot")
+    clouds = [run_filter(question, solver, ruined, (seed, 100 + run)) for run in range(SEVERAL)]
+    if _noise(clouds, ruined) > 2 * SPREAD and _moving_instants(clouds, range(2, ruined.n_instants)):
+        found = "The cloud is resampled, and later its weights are as uneven as before."
+        raise Refused(_named(question, "weights-not-reset", found))
+
+
+def _noise(runs: Sequence[Filtered], problem: Problem) -> float:
+    """Return how much the mean robot strays when nothing is seen, relative to the mean of P equal particles.
+
+    It is P over the number of particles that carry the mean.
+    """
+    model = problem.model
+    strays = np.array([run.means[4, :2] - (model.F @ run.means[3] + model.B)[:2] for run in runs])
+    return float(PARTICLES * np.mean(np.sum(strays * np.linalg.solve(model.Q[:2, :2], strays.T).T, axis=1)) / 2)
+
+
+def _require_still(
+    question: Question, solver: Callable[..., Any], weak: Problem, seed: int, options: dict[str, Any]
+) -> None:
+    """Refuse what one particle shows: landmarks that move, by resampling, too, or a cloud of another size.
+
+    Raises
+    ------
+    Refused
+    """
+    tried = [options, {**options, "ess_threshold": 1.0}] if options else [options]
+    for each in tried:
+        alone = run_alone(question, solver, weak, seed, each)
+        if alone is None:
+            continue
+        if np.abs(alone.covs).max() > STILL:
+            raise Refused(_named(question, "size-ignored", "A cloud of one particle has a spread."))
+        if np.abs(np.diff(alone.means[:, 2:], axis=0)).max() > STILL:
+            found = "A cloud of one particle has landmarks that move."
+            raise Refused(_named(question, "jitter-undeclared", found))
 
 
 def _moving_instants(runs: Sequence[Filtered], instants: Sequence[int]) -> list[int]:

@@ -9,12 +9,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from lab.checks.questions import Question
+from lab.checks.reference import RADIUS
 from lab.validation import Array
 
 Reader = Callable[[Any, Sequence[Any]], tuple[Array, ...]]
 IMPOSSIBLE = -1e8  # a log-density below it is that of an impossible state: exp gives 0 long before
+REACHES = (0.9965, 0.9975)  # the corridor of 99.7 %: 2.97 and 3 deviations, but not the 3.035 of the ellipse
+LEVELS = (0.9895, 0.9905)  # the ellipse of 99 %: not the one of 3 deviations
 WIDEST = 1.2  # radians between neighbours on an ellipse, seen as a circle: half an ellipse leaves pi
 
 
@@ -36,6 +40,8 @@ def number_of(name: str, value: Any, *, whole: bool = False) -> Array:
         array = np.asarray(value)
     except ValueError:
         raise Unreadable(f"{name} is no rectangular array of numbers") from None
+    except Exception:
+        raise Unreadable(f"{name} is {_article(type(value).__name__)}, not an array of numbers") from None
     if np.ma.isMaskedArray(value):
         raise Unreadable(f"{name} is a masked array: return a plain one")
     if array.dtype.kind == "O":
@@ -97,8 +103,10 @@ def plain(question: Question, *sizes: Callable[[Sequence[Any]], tuple[int, ...]]
     def read(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
         results = []
         for i, (result, size) in enumerate(zip(several(value, names), sizes, strict=True)):
+            array = number_of(names[i], result)
+            shaped(names[i], array, size(args), question.returns[i].shape.removesuffix(" int"))
             array = number_of(names[i], result, whole=i in whole)
-            results.append(shaped(names[i], array, size(args), question.returns[i].shape.removesuffix(" int")))
+            results.append(array.reshape(size(args)))
         return tuple(results)
 
     return read
@@ -126,7 +134,10 @@ def sorted_ancestors(question: Question) -> Reader:
 
 
 def ellipse(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
-    """Return centre (2,) and shape matrix (2, 2) of the ellipse through the points: (x - c)' S^-1 (x - c) = 1."""
+    """Return centre (2,) and shape matrix (2, 2) of the ellipse through the points: (x - c)' S^-1 (x - c) = 1.
+
+    A radius that gives 99 % when rounded to a tenth of a per cent, such as 3.035, counts as the exact one.
+    """
     n_points = args[2] if len(args) > 2 else 100
     (result,) = several(value, ["points"])
     points = number_of("points", result)
@@ -151,11 +162,39 @@ def ellipse(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
     steps = (np.diff(np.r_[angles, angles[0]]) + np.pi) % (2 * np.pi) - np.pi
     if np.abs(steps).max() > WIDEST or abs(abs(steps.sum()) - 2 * np.pi) > 1e-6:
         raise Unreadable("the points do not go once around the ellipse, one after the other")
-    return (middle[:, 0] + size * centre, size**2 * shape)
+    shape = size**2 * shape
+    squared = float(np.sqrt(np.linalg.det(shape) / np.linalg.det(np.asarray(args[1], dtype=np.float64))))
+    if LEVELS[0] <= 1 - np.exp(-squared / 2) < LEVELS[1]:
+        shape *= RADIUS**2 / squared
+    return (middle[:, 0] + size * centre, shape)
+
+
+def corridor(question: Question) -> Reader:
+    """Return the reader of a corridor: every factor that gives 99.7 % when rounded to a tenth counts as 3."""
+    read = plain(question, like(0), like(0))
+
+    def read_corridor(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
+        lower, upper = read(value, args)
+        factor = common_factor(upper - lower, 2 * np.sqrt(np.diagonal(args[1], axis1=1, axis2=2)))
+        inside = 2 * stats.norm.cdf(factor) - 1
+        if REACHES[0] <= inside < REACHES[1]:
+            middle = (lower + upper) / 2
+            lower, upper = (middle + (bound - middle) * (3 / factor) for bound in (lower, upper))
+        return lower, upper
+
+    return read_corridor
+
+
+def common_factor(array: Array, unit: Array) -> float:
+    """Return the number by which `unit` was multiplied to give `array`; NaN when no single number was."""
+    size = float(np.sum(unit * unit))
+    factor = float(np.sum(array * unit)) / size if array.shape == unit.shape and size > 0 else np.nan
+    fits = bool(np.abs(array - factor * unit).max() <= 1e-6 * np.abs(array).max())
+    return factor if fits else float("nan")
 
 
 def closures(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
-    """Return closures (C, 2) and gains (C, M), ordered by instant and landmark."""
+    """Return closures (C, 2) and gains (C, M)."""
     found, gains = several(value, ["closures", "gains"])
     M = args[0].shape[1] // 2
     rows = number_of("closures", found, whole=True)
@@ -164,8 +203,7 @@ def closures(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:
     table = table.reshape(0, M) if not table.size else table
     rows = shaped("closures", rows, (len(rows), 2), "(C, 2)")
     table = shaped("gains", table, (len(rows), M), "(C, M)")
-    order = np.lexsort((rows[:, 1], rows[:, 0]))
-    return rows[order], table[order]
+    return rows, table
 
 
 def directions(value: Any, args: Sequence[Any]) -> tuple[Array, ...]:

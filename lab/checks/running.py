@@ -58,8 +58,7 @@ def run_filter(
     if made.ours:
         raise Refused(ours(key, made.ours))
     if made.error is not None:
-        text = str(made.error)
-        named = by_message(text)
+        named = by_message(key, guard.message(made.error))
         reason = f"With {n_particles} particles {guard.describe(made.error, made.line, SECONDS)}."
         if named:
             said, hint = in_words(named)

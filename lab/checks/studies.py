@@ -12,7 +12,7 @@ import numpy as np
 
 from lab.checks import guard, reading, reference, worlds
 from lab.checks.mistakes import small
-from lab.checks.naming import ACCEPTED, close
+from lab.checks.naming import ACCEPTED, SAME, close
 from lab.checks.questions import Question
 from lab.checks.reading import Unreadable
 from lab.checks.verdict import Verdict
@@ -67,7 +67,15 @@ def examine(question: Question, study: Callable[..., Any], watch: Callable[[str,
         table = reading.shaped("table", reading.number_of("table", value), (len(SIZES), 3), "(len(sizes), 3)")
     except Unreadable as error:
         return Verdict(key, False, f"{error}.")
-    return _judge(key, table, recorder)
+    verdict = _judge(key, table, recorder)
+    if verdict.passed:
+        again = guard.call(study, (problem, solver, list(SIZES), RUNS, 3), names, seconds=SECONDS)
+        if again.error is not None or not close(
+            np.asarray(again.value, dtype=np.float64), np.asarray(made.value), SAME
+        ):
+            reason, hint = in_words(["seed-ignored"])
+            return Verdict(key, False, reason, hint, "seed-ignored")
+    return verdict
 
 
 def _judge(key: str, table: Array, recorder: Recorder) -> Verdict:
@@ -95,7 +103,13 @@ def _judge(key: str, table: Array, recorder: Recorder) -> Verdict:
         if any(close(table[:, 2], d, ACCEPTED) for d in deviations):
             reason, hint = in_words(["deviation-for-error"])
             return Verdict(key, False, reason, hint, "deviation-for-error")
-        return Verdict(key, False, "the mean gaps are right, their standard errors are not.")
+        spread = np.column_stack([errors, biased])
+        scaled = (spread / np.sqrt(RUNS), 1.959963984540054 * spread, 1.96 * spread, 2 * spread, spread**2)
+        reason = "the mean gaps are right, their standard errors are not."
+        if any(close(table[:, 2], e, ACCEPTED) for group in scaled for e in group.T):
+            reason, hint = in_words(["error-scaled"])
+            return Verdict(key, False, reason, hint, "error-scaled")
+        return Verdict(key, False, reason, "A standard error is sd / sqrt(runs), the sd over the runs of one size.")
     named = []
     for mistake, wrong in small.gaps:
         values = np.array([[wrong(found, recorder.exact) for found in by_size[size]] for size in SIZES])

@@ -157,7 +157,7 @@ def _parsed(text: str) -> tuple[ast.Module | None, str]:
     try:
         return ast.parse(text), ""
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        line = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
+        line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else ""
         names = re.findall(r"^\s*(?:def|class)\s+(\w+)", text, re.MULTILINE)
         inside = f" (in {', '.join(names)})" if names else ""
         return None, f"{type(error).__name__}{line}: {getattr(error, 'msg', error)}{inside}"

@@ -191,9 +191,11 @@ def _loud() -> Array:
 def blinking(strength: str) -> Problem:
     """Return an experiment that sees once, at k = 1, and then nothing: "strong" ruins the weights, "weak" does not.
 
-    Since landmarks stand still, their moments can change after k = 1 by resampling only.
+    Since landmarks stand still, their moments can change after k = 1 by resampling only. "robot" ruins weights that
+    are conditional on the path alone, too: the landmarks are known better than where the robot has slipped to.
     """
-    shown = some(0, 3, 0, 0, 0, 0)
-    world = replace(scenario(3, 9, shown, n_steps=6), landmark_cov=_leaning())
-    noise = 0.5**2 if strength == "strong" else 4.0**2
+    steps = 13 if strength == "weak" else 6
+    known = 0.02 if strength == "robot" else 1.0
+    world = replace(scenario(3, 9, some(0, 3, *[0] * 20), n_steps=steps), landmark_cov=known * _leaning())
+    noise = {"strong": 0.5, "weak": 4.0, "robot": 0.05}[strength] ** 2
     return experiment(replace(world, measurement_cov=noise * np.eye(6)), 9).problem

@@ -64,6 +64,22 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "the position of the robot enters the predicted measurement with the wrong sign",
         "Draw robot, landmark and the measured vector. Which is the difference of which?",
     ),
+    "landmark-missed": (
+        "one landmark is never used: a loop over the landmarks ends too early, or starts too late",
+        "Which values does your index take? Print them.",
+    ),
+    "return-in-loop": (
+        "only the first landmark is ever looked at",
+        "Where is the return: in the loop over the landmarks, or after it?",
+    ),
+    "seen-by-sign": (
+        "a landmark counts as seen when its measurement is positive",
+        "What do the arrays hold where nothing is seen? A measured component may well be negative.",
+    ),
+    "blind-density": (
+        "when nothing is seen the log-density is not 0",
+        "No measurement tells nothing: which factor changes no weight, and what is its logarithm?",
+    ),
     # units and constants
     "deviation-as-variance": (
         "a standard deviation is used where a variance belongs (a square root too many)",
@@ -84,6 +100,22 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "true-state": (
         "the function uses the true state, which a robot does not know",
         "What, of all you simulated, does the robot have? The predicted measurement comes from an estimate.",
+    ),
+    "log-base": (
+        "the logarithm has another base",
+        "Which base has the logarithm of a density here? All are to be compared and added.",
+    ),
+    "degrees": (
+        "an angle in degrees is used where radians belong, or the reverse",
+        "What do cos and sin of numpy expect?",
+    ),
+    "last-particle-missed": (
+        "the last particle is never treated",
+        "Which values does the index of your loop take? Print them.",
+    ),
+    "loop-accumulates": (
+        "a sum runs on from one particle to the next",
+        "Which of your variables should start afresh for every particle?",
     ),
     # prediction
     "b-omitted": (
@@ -118,6 +150,15 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "no-prediction-when-blind": (
         "when nothing is seen nothing happens at all, although the robot moves",
         "Does the robot stand still while it sees no landmark?",
+    ),
+    "prediction-missing": (
+        "there is an update, but no prediction: time does not pass",
+        "The robot has moved since k - 1. Where does the step say so?",
+    ),
+    "predicted-twice": ("the prediction is made twice", "How often does the robot move between k - 1 and k?"),
+    "prediction-late": (
+        "B, or the noise of the dynamics, is added after the update instead of before",
+        "With what is z_k compared? Everything that moves the robot must have happened by then.",
     ),
     # update
     "innovation-sign": (
@@ -185,6 +226,35 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "the noise is added before F is applied, which turns it",
         "Compare with x_k = F x_{k-1} + B + w_k: what does F multiply?",
     ),
+    "s-sign": (
+        "the measurement noise R is subtracted in the covariance of the innovation",
+        "Does noise make the innovation more or less certain?",
+    ),
+    "innovation-missing": (
+        "the measurement itself stands where the innovation belongs",
+        "What of z_k is news? Compare it with what was expected.",
+    ),
+    "correction-on-old": (
+        "the correction is added to the estimate before the prediction",
+        "Which estimate was the innovation computed from?",
+    ),
+    "joseph-sign": (
+        "the second term of Joseph's form has the wrong sign",
+        "A covariance is a sum of two covariances there.",
+    ),
+    "p-missing": ("P itself is missing from its update", "Check the units: I - K H has none, a covariance is in m^2."),
+    "product-order": (
+        "the factors of the covariance update are in the wrong order",
+        "A product of matrices is not commutative. Is your result symmetric?",
+    ),
+    "not-halved": (
+        "the covariance and its transpose are added, but not halved",
+        "What should symmetrising do to a matrix that is symmetric already?",
+    ),
+    "updates-side-by-side": (
+        "every landmark corrects the same prediction, and the corrections are added",
+        "After the first landmark the estimate is another one. From what should the second start?",
+    ),
     # whole filters
     "late": (
         "measurements are read one instant late: z_{k-1} where z_k belongs",
@@ -213,8 +283,28 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "With x = m0 + A e, Cov[x] = A A'. What do you get from your A? numpy's factor is lower, scipy's upper.",
     ),
     "p0-omitted": (
-        "all particles start at the prior mean",
-        "How uncertain are the landmarks at k = 0? The cloud must show it.",
+        "the start is taken as known exactly: P0 is left out",
+        "How uncertain are the landmarks at k = 0? Row 0 must show it.",
+    ),
+    "update-not-carried": (
+        "the updated estimate is stored, but the next step starts from the prediction",
+        "What does step k + 1 start from? Follow your variables through two steps.",
+    ),
+    "rows-not-filled": (
+        "some rows hold zeros: nothing is ever stored there",
+        "Which instants does your loop reach, and what does it store when nothing is seen?",
+    ),
+    "rows-alias": (
+        "all rows are the same: they are one array that is edited in place",
+        "Every row needs an array of its own. What does append store, the numbers or the array?",
+    ),
+    "smoothed": (
+        "these are the moments given all measurements, future ones included: a smoother",
+        "Row k is what is known given z_1..z_k.",
+    ),
+    "wrong-start": (
+        "row 0, or what the filter starts from, is not m0 and P0",
+        "What is known before the first measurement? The model says it.",
     ),
     # densities
     "half-missing": ("the factor 1/2 in the exponent is missing", "Write down the density of N(0, 1)."),
@@ -238,6 +328,14 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "landmark-noise-ignored": (
         "landmark noise that the model has is ignored",
         "Look at the whole of Q before you decide which landmarks stand still.",
+    ),
+    "support-inverted": (
+        "the test for what is known exactly is inverted",
+        "Which states are excluded: those that agree with what is known, or those that differ?",
+    ),
+    "support-as-zero": (
+        "an impossible state gets the log-density 0",
+        "What is the logarithm of the density 0? Which density has the logarithm 0?",
     ),
     # weights
     "weights-overwritten": (
@@ -278,6 +376,28 @@ _TEXTS: dict[str, tuple[str, str]] = {
     ),
     "jitter-dropped": ("the jitter has no effect", "Landmarks move in this model."),
     "jitter-only-seen": ("only the landmarks that are seen are jittered", "Does a landmark know whether it is seen?"),
+    "jitter-replaces": ("the landmarks are replaced by their jitter", "Jitter is a small motion: from where?"),
+    "weighed-before-noise": (
+        "the likelihood is that of the particles before their noise was added",
+        "Which particle is returned, and which was weighed?",
+    ),
+    "transition-in-weight": (
+        "the transition density enters the weight, although the particles were drawn from it",
+        "Target over proposal: which factor cancels when the prior dynamics draws?",
+    ),
+    "old-particles": (
+        "the particles that come back are those of k - 1",
+        "Is the result stored under the name that you return?",
+    ),
+    "size-ignored": ("the number of particles is not the one that is asked for", "Where does n_particles enter?"),
+    "ess-of-filter": (
+        "the effective sample size of the filter is not one of P particles: between 1 and P",
+        "Is it a ratio? Of which weights, and do those sum to 1?",
+    ),
+    "q-transposed": (
+        "the noise of the robot has the wrong covariance: a Cholesky factor of Q is transposed",
+        "With w = A e, Cov[w] = A A'. What do you get from your A?",
+    ),
     # moments and pictures
     "weights-ignored": ("the weights are ignored", "Do all particles count the same?"),
     "covariance-normalisation": (
@@ -292,7 +412,10 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "variances stand where deviations belong (a square root is missing)",
         "A corridor and the axes of an ellipse are lengths, in m.",
     ),
-    "wrong-level": ("the factor belongs to another probability", "How many deviations hold 99.7 % in one dimension?"),
+    "wrong-level": (
+        "the factor belongs to another probability",
+        "Which probability is asked for, and in how many dimensions? How many deviations hold it there?",
+    ),
     "chi2-dimension": (
         "the radius comes from a chi-square of the wrong dimension",
         "How many components does the point have whose region you draw?",
@@ -313,6 +436,31 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "not-shifted": ("the mean is missing", "Where is the centre?"),
     "bounds-swapped": ("lower and upper are exchanged", "Look at the order in the table."),
     "width": ("a width is returned where the two bounds are asked for", "Look at what the table asks for."),
+    "centred-elsewhere": (
+        "the covariance is not centred on the weighted mean",
+        "The deviation from which point counts?",
+    ),
+    "likeliest-particle": (
+        "the particle of largest weight is returned as the mean",
+        "An expectation is a sum over all particles.",
+    ),
+    "mean-over-all": ("one mean is taken over all components at once", "Which axis holds the particles?"),
+    "mean-divided": ("the weighted sum is divided by P once more", "What do the weights sum to?"),
+    "one-instant": ("the spread of one instant serves them all", "Does the uncertainty change with time?"),
+    "spread-over-time": (
+        "the spread of the means over time is taken for the uncertainty",
+        "What holds how well the state is known at instant k?",
+    ),
+    "one-sided": ("one of the two bounds is the mean", "A corridor reaches as far down as up."),
+    "axes-of-time": (
+        "the diagonal is taken over the wrong axes",
+        "Time comes first. Which two axes hold the covariance of one instant?",
+    ),
+    "diameter": ("the axes of the ellipse are twice, or half, as long as they should be", "A radius, or a diameter?"),
+    "inverse-covariance": (
+        "the inverse of the covariance gives the axes",
+        "Which direction should be long: the well known, or the badly known?",
+    ),
     # resampling
     "ess-inverse": ("this is the sum of the squared weights itself", "Even weights should give P."),
     "ess-ratio": ("this is a ratio of P", "Even weights should give P."),
@@ -321,11 +469,63 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "ess-count": ("this counts the particles that have a weight", "A tiny weight is almost none."),
     "ess-rounded": ("the effective sample size is rounded to a whole number", "It need not be one."),
     "ess-perplexity": ("this is the exponential of the entropy", "The question asks for the one with squared weights."),
+    "ess-rooted": (
+        "this is the square root of the effective sample size, or of its inverse",
+        "Even weights should give P.",
+    ),
+    "ess-times-p": ("this is P times the effective sample size", "Even weights should give P."),
+    "ess-variance": (
+        "the spread of the weights is not the right one: relative to their mean, squared, and divided by P",
+        "Even weights should give P, a single weight 1.",
+    ),
+    "ess-complement": ("this is 1 minus the sum of the squared weights", "Even weights should give P."),
+    "ess-entropy": ("this is the entropy of the weights", "The question asks for the one with squared weights."),
+    "ess-logarithm": ("a logarithm is returned", "Even weights should give P."),
+    "ess-term-by-term": ("the inverse is taken of each term, not of the sum", "Sum first, or divide first?"),
+    "weights-cubed": ("the weights enter with the third power", "Which power has the definition?"),
     "ancestor-shifted": ("the index is off by one", "Which particle owns the first share of [0, 1)?"),
     "not-cumulated": ("the points are compared with the weights themselves", "Whose share does a point fall into?"),
     "index-sorted": (
         "positions in a sorted array are returned, not indices of particles",
         "Sorting loses the indices.",
+    ),
+    "search-exchanged": (
+        "the sorted array and the values that are looked up in it are exchanged",
+        "Which is searched, and for which do you want a place? The result has one entry a point.",
+    ),
+    "counts-returned": (
+        "numbers of offspring are returned where indices are asked for",
+        "The result is used as particles[:, ancestors].",
+    ),
+    "points-ignored": ("the points that are given are not used", "Who has drawn the random numbers here?"),
+    "one-step-search": (
+        "the search moves on by one particle at most for each point",
+        "Can two points be further apart than one share?",
+    ),
+    "search-inverted": (
+        "the comparison of point and cumulative weight is the wrong way round",
+        "Where does the search start, and until when must it go on?",
+    ),
+    "nearest-edge": (
+        "the nearest edge is taken, not the share into which the point falls",
+        "A share has two edges. Which two does the point lie between?",
+    ),
+    "threshold-typed": ("the threshold is typed into the code", "Which of the arguments should decide?"),
+    "overwritten-in-place": (
+        "particles are overwritten while they are still needed as ancestors",
+        "What has happened to particle 3 when particle 7 wants to copy it?",
+    ),
+    "landmarks-resampled-only": (
+        "only the landmarks are resampled: each map gets the robot of another particle",
+        "A particle is a whole state.",
+    ),
+    "resampled-when-seen": (
+        "whether to resample depends on whether something is seen",
+        "What should decide, the sensor or the weights?",
+    ),
+    "noise-resampled": (
+        "the particles are moved before they are chosen, so that copies share their noise",
+        "Look at the order in the table: which comes first?",
     ),
     "never-resampled": (
         "the cloud is never resampled: the test never holds",
@@ -373,6 +573,19 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "log_evidence holds the increments, not their running sum",
         "Entry k is log p(z_1..z_k), cumulative.",
     ),
+    "evidence-averaged-twice": ("the weighted sum is divided by P once more", "Even weights are 1 / P each."),
+    "evidence-maximum": ("only the best particle counts", "The evidence is an expectation over the whole cloud."),
+    "maximum-lost": (
+        "the maximum that was taken out of the exponent is not put back",
+        "What did you subtract before the exponential, and where does it come back?",
+    ),
+    "evidence-new-weights": (
+        "the weights are those after z_k, which so counts twice",
+        "Under which cloud is p(z_k given z_1..z_{k-1}) an expectation?",
+    ),
+    "weight-not-log": ("weights are added to logarithms", "What is the logarithm of a product?"),
+    "ess-of-evidence": ("this is an effective sample size", "What does the question ask for?"),
+    "evidence-missing": ("log_evidence is left at 0", "What does each step add to it?"),
     # loop closure and study
     "first-sighting": ("a landmark that is seen for the first time counts as a loop closure", "Closing needs a start."),
     "every-sighting": (
@@ -387,6 +600,34 @@ _TEXTS: dict[str, tuple[str, str]] = {
     ),
     "gain-of-deviation": ("the gain is that of deviations, not of variances", "The table asks for traces."),
     "gain-flipped": ("what is left is returned, not what was gained", "A landmark that gains nothing has gain 0."),
+    "gain-absolute": (
+        "a difference of variances is returned, in m^2, not a ratio",
+        "How much of the uncertainty is gone? A share has no unit.",
+    ),
+    "gain-percent": ("the gain is in per cent", "A gain of all there is to gain is 1."),
+    "gain-of-determinant": ("determinants are compared, not traces", "The table asks for traces."),
+    "gain-of-part": ("only one component of each landmark counts", "A landmark has two components."),
+    "gain-of-whole": (
+        "one gain for the whole map is given to every landmark",
+        "The table asks for each landmark's own.",
+    ),
+    "gain-of-one-landmark": (
+        "the gain of the landmark seen is given to all",
+        "What does the sighting do to the OTHERS?",
+    ),
+    "gain-since-last-seen": (
+        "the gain is measured from the last sighting and not from the instant before",
+        "What did THIS sighting do?",
+    ),
+    "gain-late": ("the gain is that of the step after the sighting", "Which step brings the information?"),
+    "closure-at-loss": (
+        "the instants are those at which a landmark is lost from sight",
+        "When does a loop close: on leaving, or on meeting again?",
+    ),
+    "first-closure-only": ("only the first closure of each landmark counts", "How often can a loop close?"),
+    "last-instant-missed": ("the last instant is left out", "Which values does your index take? Print them."),
+    "columns-exchanged": ("instant and landmark are exchanged", "Look at the order in the table."),
+    "order-of-rows": ("the rows are in another order", "Look at the table: by k first, or by m first?"),
     "k0-counted": ("k = 0 is counted, where the robot is known exactly", "Which instants does the question name?"),
     "gap-in-metres": ("the gap is not divided by the exact deviation", "Components of different scale must compare."),
     "gap-by-variance": ("the gap is divided by the variance", "A gap in deviations has no unit."),
@@ -397,6 +638,22 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "gap-absolute": ("the mean of absolute gaps is taken", "Root mean square: which order?"),
     "gap-not-rooted": ("the square root is missing", "Mean square is not root mean square."),
     "gap-signed": ("gaps of opposite sign cancel", "Square before you average."),
+    "gap-summed": ("a sum stands where a mean belongs", "Should twice as many instants double the gap?"),
+    "gap-centred": (
+        "the mean gap is taken off first, so that a constant error does not count",
+        "Deviation from what: from the exact mean, or from your own average?",
+    ),
+    "gap-root-inside": ("the root is taken before the mean over all", "Root mean square: in which order?"),
+    "gap-maximum": ("the largest gap is taken", "The question asks for a mean."),
+    "gap-one-instant": ("only one instant counts", "Which instants does the question name?"),
+    "gap-ratio-of-means": ("the deviations are averaged before the division", "Each gap has a deviation of its own."),
+    "gap-relative": ("the gap is divided by the mean itself", "In which unit is a gap to be measured?"),
+    "gap-whole-covariance": (
+        "the whole covariance is used, not the deviation of each component",
+        "The table speaks of deviations, component by component.",
+    ),
+    "gap-of-part": ("only the robot, or only the landmarks, count", "The mean is over all components."),
+    "seed-ignored": ("two studies with the same seed give different tables", "What is the argument seed for?"),
     "same-numbers": (
         "every run gets the same random numbers: their spread says nothing",
         "What makes two runs differ?",
@@ -404,6 +661,10 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "deviation-for-error": (
         "the standard deviation is returned where the standard error belongs",
         "More runs make the mean better known, not the runs less scattered.",
+    ),
+    "error-scaled": (
+        "the third column is a multiple, or the square, of the standard error",
+        "Which function of the standard deviation and of the number of runs does the table ask for?",
     ),
     "against-truth": (
         "the reference is not the exact filter",
@@ -413,6 +674,10 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "z-ignored-in-draw": (
         "the draw does not depend on z_k: this is the prior dynamics again",
         "The new importance function is to look at the measurement before it draws.",
+    ),
+    "drawn-with-prior": (
+        "the draw is centred on what z_k says, but scatters as if nothing had been seen",
+        "How certain is x_k once both its parent and z_k are known?",
     ),
     "ratio-dropped": (
         "the weight is the likelihood alone: the transition density over the proposal density is dropped",
@@ -468,6 +733,27 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "rb-spread-dropped": (
         "the spread of the conditional means is missing",
         "Law of total covariance: there are two terms.",
+    ),
+    "rb-cov-each-particle": (
+        "the conditional covariance is updated once for each particle, instead of once",
+        "How often was something measured? The covariance is one for all particles.",
+    ),
+    "rb-robot-spread-added": (
+        "the noise of the robot enters the spread of z, although the robots have been drawn",
+        "Given the particle, what about its robot is still uncertain?",
+    ),
+    "rb-conditional-misplaced": (
+        "the conditional covariance is added in the wrong place",
+        "Whose covariance is it, and which rows of the state are those?",
+    ),
+    "rb-cross-half": (
+        "the covariance is not symmetric: one of the two cross blocks is missing",
+        "Look at both corners.",
+    ),
+    "order-of-components": ("the landmarks come before the robot", "In which order does the state hold them?"),
+    "map-correlations-dropped": (
+        "correlations within the covariance of the landmarks are dropped",
+        "Are the two components of a landmark independent of each other?",
     ),
     "rb-cross-dropped": (
         "the cross terms of robot and landmarks are missing",

@@ -113,15 +113,22 @@ def steps() -> Mutants:
             ("noise-again", lambda x, noise, model: recipes.moved(x, model.Q @ noise, model)),
             ("noise-again", lambda x, noise, model: recipes.moved(x, np.sqrt(model.Q) @ noise, model)),
             ("noise-again", lambda x, noise, model: recipes.moved(x, 2 * noise, model)),
-            ("wrong-b", lambda x, noise, model: recipes.moved(x, -noise, model)),
+            ("noise-again", lambda x, noise, model: recipes.moved(x, -noise, model)),
             ("f-omitted", lambda x, noise, model: x + noise),
             ("prediction-lost", lambda x, noise, model: x),
             ("noise-before-f", lambda x, noise, model: recipes.moved(x + noise, 0 * noise, model)),
         )
     ]
+    bare = log_likelihood_with(density=_bare)
     found += [(key, build(combine=combine)) for key, combine in COMBINE]
     found += [(key, _kept_when_blind(build(combine=combine))) for key, combine in COMBINE]
     found += [
+        (key, build(combine=c, likelihood=bare)) for key, c in COMBINE if key in ("weights-added", "log-as-weight")
+    ]
+    found += [
+        ("weighed-before-noise", _weighed_before_noise),
+        ("transition-in-weight", _with_transition),
+        ("old-particles", _old_returned),
         ("weighed-before-move", build(weighed=lambda old, new: old)),
         ("weights-reset-when-blind", build(even_when_blind=True)),
         ("no-prediction-when-blind", _frozen_when_blind),
@@ -129,6 +136,25 @@ def steps() -> Mutants:
         ("weights-overwritten", build(combine=lambda w, logs: _plain(np.ones(len(w)), logs))),
     ]
     return found
+
+
+def _bare(deviation: Array, cov: Array) -> Array:
+    """Return the log-density without its constant."""
+    return np.asarray(-0.5 * np.sum(deviation * np.linalg.solve(cov, deviation), axis=0))
+
+
+def _weighed_before_noise(particles: Array, weights: Array, noise: Array, *rest: Any) -> Any:
+    new, _ = sis_step_with()(particles, weights, noise, *rest)
+    return new, sis_step_with()(particles, weights, 0 * noise, *rest)[1]
+
+
+def _with_transition(particles: Array, weights: Array, noise: Array, *rest: Any) -> Any:
+    new, right = sis_step_with()(particles, weights, noise, *rest)
+    return new, normalised(right, _bare(noise[:2], rest[-1].Q[:2, :2]))
+
+
+def _old_returned(particles: Array, *rest: Any) -> Any:
+    return particles, sis_step_with()(particles, *rest)[1]
 
 
 def _moved_by(wrong: Any) -> Any:
@@ -159,7 +185,8 @@ def jittered_steps() -> Mutants:
         ("jitter-only-seen", build(shift=lambda jitter, z: np.where(np.isnan(z)[:, np.newaxis], 0, jitter))),
         ("noise-shared", build(shift=lambda jitter, z: np.repeat(jitter[:, :1], jitter.shape[1], axis=1))),
         ("noise-again", build(shift=lambda jitter, z: 2 * jitter)),
-        ("innovation-sign", build(shift=lambda jitter, z: -jitter)),
+        ("noise-again", build(shift=lambda jitter, z: -jitter)),
+        ("jitter-replaces", _jitter_for_landmarks),
         ("jitter-dropped", _jitter_in_weights_only),
         ("noise-omitted", _without_noise),
     ]
@@ -170,6 +197,11 @@ def _jitter_in_weights_only(particles: Array, weights: Array, noise: Array, jitt
     new, weights = jittered_step_with()(particles, weights, noise, jitter, *rest)
     new[2:] -= jitter
     return new, weights
+
+
+def _jitter_for_landmarks(particles: Array, weights: Array, noise: Array, jitter: Array, *rest: Any) -> Any:
+    empty = np.vstack([particles[:2], 0 * particles[2:]])
+    return jittered_step_with()(empty, weights, noise, jitter, *rest)
 
 
 def _without_noise(particles: Array, weights: Array, noise: Array, *rest: Any) -> Any:
@@ -212,9 +244,73 @@ CHOOSE: tuple[tuple[str, Any], ...] = (
     ("uniform-choice", lambda w, u: np.argsort(w)[::-1]),
     ("uniform-choice", lambda w, u: np.argsort(w)),
     ("weights-squared", lambda w, u: select_ancestors(w**2, u)),
+    ("ancestor-shifted", lambda w, u: (select_ancestors(w, u) + 1) % len(w)),
+    ("ancestor-shifted", lambda w, u: (select_ancestors(w, u) - 1) % len(w)),
+    ("not-cumulated", lambda w, u: np.searchsorted(w, u, side="right")),
+    ("points-ignored", lambda w, u: select_ancestors(w, (np.arange(len(w)) + 0.5) / len(w))),
+    ("points-ignored", lambda w, u: select_ancestors(w, np.arange(len(w)) / len(w))),
+    ("points-ignored", lambda w, u: select_ancestors(w, np.linspace(0, 1, len(w), endpoint=False))),
+    ("search-exchanged", lambda w, u: np.searchsorted(u, np.cumsum(w))),
+    ("search-exchanged", lambda w, u: np.searchsorted(u, np.cumsum(w), side="right")),
+    ("counts-returned", lambda w, u: np.bincount(select_ancestors(w, u), minlength=len(w))),
+    ("one-step-search", lambda w, u: _one_step(w, u)),
+    ("search-inverted", lambda w, u: np.argmin(np.cumsum(w)[np.newaxis, :-1] > u[:, np.newaxis], axis=1)),
+    ("search-inverted", lambda w, u: _until_below(w, u)),
+    ("nearest-edge", lambda w, u: np.argmin(np.abs(np.cumsum(w)[np.newaxis, :] - u[:, np.newaxis]), axis=1)),
     ("ancestor-shifted", lambda w, u: np.searchsorted(np.cumsum(w) - w, u)),
     ("ancestor-shifted", lambda w, u: np.minimum(np.searchsorted(np.cumsum(w) - w, u), len(w) - 1)),
 )
+
+
+def _one_step(weights: Array, points: Array) -> Any:
+    cumulative, found, j = np.cumsum(weights), [], 0
+    for point in points:
+        j += int(point > cumulative[j] and j < len(weights) - 1)
+        found.append(j)
+    return np.array(found)
+
+
+def _until_below(weights: Array, points: Array) -> Any:
+    cumulative, found = np.cumsum(weights), []
+    for point in points:
+        j = 0
+        while j < len(weights) - 1 and cumulative[j] > point:
+            j += 1
+        found.append(j)
+    return np.array(found)
+
+
+def _landmarks_only(particles: Array, weights: Array, ancestors: Any) -> tuple[Array, Array]:
+    new = particles[:, ancestors]
+    new[:2] = particles[:2]
+    return new, _even(weights)
+
+
+def _in_place(particles: Array, weights: Array, ancestors: Any) -> tuple[Array, Array]:
+    new = particles.copy()
+    for i, ancestor in enumerate(ancestors):
+        new[:, i] = new[:, ancestor]
+    return new, _even(weights)
+
+
+def _moved_first(*args: Any) -> Any:
+    """Move, then choose, then weigh."""
+    particles, weights, noise, points, z, H, R, model, threshold = args
+    particles = recipes.moved(particles, noise, model)
+    if _ess(weights) <= threshold * len(weights):
+        particles, weights = recipes.resampled(particles, weights, select_ancestors(weights, points))
+    return particles, normalised(weights, log_likelihood_with()(z, particles, H, R))
+
+
+def _if_blind(due: bool) -> Any:
+    """Resample always, or never, when nothing is seen."""
+
+    def sir_step(*args: Any) -> Any:
+        blind = bool(np.isnan(args[4]).all())
+        step = sir_step_with(due=lambda w, t: due) if blind else sir_step_with()
+        return step(*args)
+
+    return sir_step
 
 
 def sir_steps() -> Mutants:
@@ -231,6 +327,7 @@ def sir_steps() -> Mutants:
             ("test-inverted", lambda w, t: _ess(w) > t * len(w)),
             ("always-resampled", lambda w, t: _ess(w) / len(w) <= t * len(w)),
             ("ess-maximum", lambda w, t: 1 / w.max() <= t * len(w)),
+            ("threshold-typed", lambda w, t: _ess(w) <= 0.5 * len(w)),
         )
     ]
     found += [
@@ -240,11 +337,16 @@ def sir_steps() -> Mutants:
             ("weights-permuted", lambda x, w, a: (x[:, a], w[a] / w[a].sum())),
             ("weights-permuted", lambda x, w, a: (x[:, a], w[a])),
             ("robot-resampled-only", _robots_only),
+            ("landmarks-resampled-only", _landmarks_only),
+            ("overwritten-in-place", _in_place),
             ("particles-not-resampled", lambda x, w, a: (x, _even(w))),
         )
     ]
     found += [(key, build(choose=choose)) for key, choose in CHOOSE]
     found += [
+        ("noise-resampled", _moved_first),
+        ("resampled-when-seen", _if_blind(True)),
+        ("resampled-when-seen", _if_blind(False)),
         ("resampled-last", build(last=True)),
         ("resampled-last", build(last=True, due=lambda w, t: True)),
         ("weights-not-reset", build(last=True, replace=lambda x, w, a: (x[:, a], w))),

@@ -41,8 +41,13 @@ DENSITIES: tuple[tuple[str, Function], ...] = (
     ("cases-by-hand", lambda d, cov: log_gaussian(d[:2], cov[:2, :2])),
     ("cases-by-hand", lambda d, cov: log_gaussian(d[:1], cov[:1, :1])),
     ("deviation-as-variance", lambda d, cov: -0.5 * np.sqrt(_quadratic(d, cov))),
+    ("deviation-as-variance", lambda d, cov: -0.5 * np.sum(d * d / np.sqrt(np.diag(cov))[:, np.newaxis], axis=0)),
+    ("log-base", lambda d, cov: log_gaussian(d, cov) / np.log(10)),
+    ("plain-exp", lambda d, cov: np.log(np.exp(-0.5 * _quadratic(d, cov)) + 1e-300)),
+    ("plain-exp", lambda d, cov: np.log(np.exp(log_gaussian(d, cov)) + 1e-300)),
 )
 LINEAR = lambda d, cov: np.exp(log_gaussian(d, cov))  # noqa: E731
+UNSCALED = lambda d, cov: np.exp(-0.5 * _quadratic(d, cov))  # noqa: E731
 
 
 def _mean_innovation(z: Array, H: Array, particles: Array) -> Array:
@@ -68,7 +73,34 @@ def log_likelihoods() -> Mutants:
     found = [*likelihoods(), ("linear-not-log", log_likelihood_with(density=LINEAR))]
     found.append(("linear-not-log", lambda *args: np.exp(log_likelihood_with()(*args))))
     found.append(("exponent-sign", lambda *args: -log_likelihood_with()(*args)))
+    found += [
+        ("linear-not-log", log_likelihood_with(density=UNSCALED)),
+        ("linear-not-log", lambda *args: _shares(log_likelihood_with()(*args))),
+        ("last-particle-missed", lambda *args: np.r_[log_likelihood_with()(*args)[:-1], 0.0]),
+        ("last-particle-missed", lambda *args: np.r_[log_likelihood_with(density=_bare)(*args)[:-1], 0.0]),
+        ("loop-accumulates", lambda *args: np.cumsum(log_likelihood_with()(*args))),
+        ("loop-accumulates", lambda *args: np.cumsum(log_likelihood_with(density=_bare)(*args))),
+        ("blind-density", _when_blind(-np.inf)),
+        ("blind-density", _when_blind(np.nan)),
+    ]
     return found
+
+
+def _bare(deviation: Array, cov: Array) -> Array:
+    return -0.5 * _quadratic(deviation, cov)
+
+
+def _shares(logs: Array) -> Array:
+    scaled = np.exp(logs - logs.max())
+    return np.asarray(scaled / scaled.sum())
+
+
+def _when_blind(value: float) -> Function:
+    def log_likelihood(z: Array, particles: Array, H: Array, R: Array) -> Array:
+        blind = np.isnan(z).all()
+        return np.full(particles.shape[1], value) if blind else log_likelihood_with()(z, particles, H, R)
+
+    return log_likelihood
 
 
 def _singular_with(density: Function, *, support: bool = True, free: Function | None = None) -> Function:
@@ -89,13 +121,31 @@ def _singular() -> Mutants:
         ("linear-not-log", lambda deviation, cov: np.exp(_singular_with(log_gaussian)(deviation, cov))),
         ("linear-not-log", _singular_with(LINEAR)),
         ("support-refused", lambda deviation, cov: log_gaussian(deviation[:, np.newaxis], cov)[0]),
-        ("support-ignored", lambda d, cov: log_gaussian(d[:, np.newaxis], cov + 1e-6 * np.eye(len(cov)))[0]),
+        *[("support-ignored", _regularised(10.0**-power)) for power in (3, 4, 5, 6, 7, 8, 9, 10)],
+        ("support-inverted", _inverted),
+        ("support-as-zero", lambda d, cov: _instead(_singular_with(log_gaussian)(d, cov), 0.0)),
+        ("support-as-zero", lambda d, cov: _instead(_singular_with(log_gaussian)(d, cov), np.inf)),
+        ("linear-not-log", _singular_with(UNSCALED)),
+        ("linear-not-log", lambda d, cov: np.exp(_singular_with(_bare)(d, cov))),
         ("support-ignored", lambda d, cov: log_gaussian(d[:, np.newaxis], np.diag(np.diag(cov)) + np.eye(len(cov)))[0]),
         ("support-ignored", lambda d, cov: -0.5 * d @ np.linalg.pinv(cov) @ d),
         ("support-ignored", lambda d, cov: -0.5 * d @ np.linalg.pinv(cov, rcond=1e-12) @ d),
         ("diagonal-only", _singular_with(lambda d, cov: log_gaussian(d, np.diag(np.diag(cov))), support=False)),
     ]
     return found
+
+
+def _regularised(small: float) -> Function:
+    return lambda d, cov: log_gaussian(d[:, np.newaxis], cov + small * np.eye(len(cov)))[0]
+
+
+def _inverted(deviation: Array, cov: Array) -> float:
+    possible = np.isfinite(_singular_with(log_gaussian)(deviation, cov))
+    return -np.inf if possible else float(_singular_with(log_gaussian, support=False)(deviation, cov))
+
+
+def _instead(value: float, other: float) -> float:
+    return value if np.isfinite(value) else other
 
 
 def _where_allowed(deviation: Array, other: Array, cov: Array) -> Any:
@@ -118,6 +168,7 @@ def log_priors() -> Mutants:
         ("f-omitted", lambda x, model: _singular_with(log_gaussian)(x - model.F @ model.m0 - model.B, model.P0)),
         ("retyped", lambda x, model: _singular_with(log_gaussian)(x - _handout(x).m0, _handout(x).P0)),
         ("retyped", lambda x, model: _singular_with(log_gaussian)(x - model.m0, _handout(x).P0)),
+        ("retyped", lambda x, model: _where_allowed(x - model.m0, x - _handout(x).m0, model.P0)),
         ("retyped", lambda x, model: log_gaussian((x - model.m0)[2:, np.newaxis], 0.2 * np.eye(len(x) - 2))[0]),
     ]
     return found
@@ -140,6 +191,10 @@ def log_transitions() -> Mutants:
         found += [
             ("b-omitted", lambda new, x, model, d=density: d(new - model.F @ x, model.noise_cov)),
             ("wrong-b", lambda new, x, model, d=density: d(new - model.F @ x + model.B, model.noise_cov)),
+            (
+                "wrong-b",
+                lambda new, x, model, d=density: d(new - model.F @ (x - model.B) - model.B, model.noise_cov),
+            ),
             ("f-omitted", lambda new, x, model, d=density: d(new - x - model.B, model.noise_cov)),
             ("f-omitted", lambda new, x, model, d=density: d(new - x, model.noise_cov)),
             ("f-transposed", lambda new, x, model, d=density: d(new - model.F.T @ x - model.B, model.noise_cov)),

@@ -26,6 +26,12 @@ def predicted_means() -> Mutants:
         ("retyped", lambda mean, model: handout_model(len(mean) // 2 - 1).F @ mean + _column(model.B, mean)),
         ("retyped", lambda mean, model: model.F @ mean + _column(handout_model(len(mean) // 2 - 1).B, mean)),
         ("retyped", lambda mean, model: _typed(mean, model)),
+        ("wrong-b", lambda mean, model: model.F @ (mean - _column(model.B, mean)) + _column(model.B, mean)),
+        ("predicted-twice", lambda mean, model: _twice(mean, model)),
+        ("degrees", lambda mean, model: _turned(mean, 45.0) + _column(model.B, mean)),
+        ("degrees", lambda mean, model: _about_centre(mean, 45.0)),
+        ("f-transposed", lambda mean, model: _about_centre(mean, -np.pi / 4)),
+        ("f-transposed", lambda mean, model: _turned(mean, -np.pi / 4) + _column(model.B, mean)),
         ("open-loop", lambda mean, model: mean),
     ]
 
@@ -38,6 +44,24 @@ def _centre(model: Any) -> Array:
     centre = np.zeros(len(model.m0))
     centre[:2] = np.linalg.solve(np.eye(2) - model.F[:2, :2], model.B[:2])
     return centre
+
+
+def _twice(mean: Array, model: Any) -> Array:
+    once = model.F @ mean + _column(model.B, mean)
+    return np.asarray(model.F @ once + _column(model.B, mean))
+
+
+def _turned(mean: Array, angle: float) -> Array:
+    turned = np.array(mean, dtype=np.float64)
+    turned[:2] = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ turned[:2]
+    return turned
+
+
+def _about_centre(mean: Array, angle: float) -> Array:
+    """Turn the robot about the handout's centre, typed in."""
+    centre = np.zeros(len(mean))
+    centre[0] = -1.5
+    return _turned(mean - _column(centre, mean), angle) + _column(centre, mean)
 
 
 def _typed(mean: Array, model: Any) -> Array:
@@ -167,6 +191,7 @@ def _steps(style: dict[str, Function]) -> Mutants:
         for key, wrong in (
             ("s-without-noise", lambda P, H, R: H @ P @ H.T),
             ("s-without-state", lambda P, H, R: R),
+            ("s-sign", lambda P, H, R: H @ P @ H.T - R),
             ("element-wise", lambda P, H, R: (H @ P @ H.T) * R),
             ("deviation-as-variance", lambda P, H, R: H @ P @ H.T + np.sqrt(np.diag(np.diag(R)))),
         )
@@ -178,6 +203,9 @@ def _steps(style: dict[str, Function]) -> Mutants:
             ("double-inverse", lambda P, H, S: P @ H.T),
             ("element-wise", lambda P, H, S: P @ H.T / np.diag(S)),
             ("element-wise", lambda P, H, S: P @ H.T * (1 / np.diag(S))),
+            ("element-wise", lambda P, H, S: P @ H.T @ (1 / S)),
+            ("element-wise", lambda P, H, S: P @ H.T @ np.diag(1 / np.diag(S))),
+            ("s-sign", lambda P, H, S: P @ H.T @ np.linalg.inv(2 * H @ P @ H.T - S)),
             ("only-seen-corrected", _only_seen),
             ("robot-only", _part(2, None)),
             ("gain-transposed", lambda P, H, S: H.T @ np.linalg.inv(S)),
@@ -209,15 +237,38 @@ def _steps(style: dict[str, Function]) -> Mutants:
             ("joseph-incomplete", lambda P, K, H, S, nu: (eye(P) - K @ H) @ P @ (eye(P) - K @ H).T),
             ("element-wise", lambda P, K, H, S, nu: (eye(P) - K @ H) * P),
             ("gain-transposed", lambda P, K, H, S, nu: (eye(P) - (K @ H).T) @ P),
-            ("gain-transposed", lambda P, K, H, S, nu: P @ (eye(P) - K @ H)),
+            ("product-order", lambda P, K, H, S, nu: P @ (eye(P) - K @ H)),
+            ("s-without-noise", lambda P, K, H, S, nu: P - K @ (H @ P @ H.T) @ K.T),
+            ("joseph-sign", lambda P, K, H, S, nu: 2 * _half(P, K, H) - _joseph(P, K, H, S)),
             ("s-without-state", lambda P, K, H, S, nu: P - K @ (S - H @ P @ H.T) @ K.T),
-            ("covariance-not-predicted", lambda P, K, H, S, nu: eye(P) - K @ H),
+            ("p-missing", lambda P, K, H, S, nu: eye(P) - K @ H),
         )
     ]
     found += [
         ("innovation-before-prediction", build(innovation=lambda z, H, predicted, mean: z - H @ mean)),
         ("robot-ignored", build(innovation=lambda z, H, predicted, mean: z - H[:, 2:] @ predicted[2:])),
         ("innovation-sign", build(innovation=lambda z, H, predicted, mean: z + H @ predicted)),
+        ("innovation-missing", build(innovation=lambda z, H, predicted, mean: z)),
+        ("mean-not-carried", build(predicted_mean=lambda mean, model: model.F @ model.m0 + model.B)),
+        ("covariance-not-carried", build(predicted_cov=lambda cov, model: model.F @ model.P0 @ model.F.T + model.Q)),
+        ("predicted-twice", build(predicted_mean=_twice, predicted_cov=_twice_cov)),
+        ("predicted-twice", build(predicted_cov=_twice_cov)),
+        ("prediction-missing", build(predicted_mean=lambda mean, model: mean, predicted_cov=lambda cov, model: cov)),
+        ("correction-on-old", build(finish=_on_old)),
+        ("cross-terms-dropped", build(finish=_afterwards(_diagonal_blocks))),
+        ("cross-terms-dropped", build(finish=_afterwards(lambda cov: np.diag(np.diag(cov))))),
+        ("not-halved", build(finish=_afterwards(lambda cov: cov + cov.T))),
+        ("prediction-late", _late(build(predicted_mean=lambda mean, model: model.F @ mean), 1, 0)),
+        ("prediction-late", _late(build(predicted_cov=lambda cov, model: model.F @ cov @ model.F.T), 0, 1)),
+        ("prediction-late", _late(build(predicted_mean=lambda mean, model: model.F @ mean), 1, 0, blind=False)),
+        (
+            "prediction-late",
+            _late(build(predicted_cov=lambda cov, model: model.F @ cov @ model.F.T), 0, 1, blind=False),
+        ),
+        ("covariance-not-predicted", _old_cov_updated),
+        ("double-inverse", _mean_twice_divided),
+        ("gain-before-prediction", _old_gain),
+        *[("updates-side-by-side", _side_by_side(cov)) for cov in (True, False)],
         ("open-loop", build(finish=lambda new, predicted, old: predicted)),
         ("prediction-lost", build(finish=lambda new, predicted, old: old)),
         ("no-prediction-when-blind", build(finish=_frozen)),
@@ -235,6 +286,78 @@ def _steps(style: dict[str, Function]) -> Mutants:
         ("innovation-sign", build(new_mean=lambda m, K, nu: m - K @ nu, new_cov=lambda P, K, H, S, nu: P + K @ H @ P)),
     ]
     return found
+
+
+def _half(P: Array, K: Array, H: Array) -> Array:
+    left = np.eye(len(P)) - K @ H
+    return np.asarray(left @ P @ left.T)
+
+
+def _twice_cov(cov: Array, model: Any) -> Array:
+    once = model.F @ cov @ model.F.T + model.Q
+    return np.asarray(model.F @ once @ model.F.T + model.Q)
+
+
+def _on_old(new: Any, predicted: Any, old: Any) -> Any:
+    return new if new[0] is predicted[0] else (old[0] + new[0] - predicted[0], new[1])
+
+
+def _afterwards(change: Function) -> Function:
+    """Change the covariance after an update."""
+    return lambda new, predicted, old: new if new[0] is predicted[0] else (new[0], change(new[1]))
+
+
+def _late(step: Function, B: int, Q: int, blind: bool = True) -> Function:
+    """Add B, or Q, at the end; `blind` says whether also when nothing is seen."""
+
+    def kalman_step(mean: Array, cov: Array, z: Array, H: Array, R: Array, model: Any) -> tuple[Array, Array]:
+        mean, cov = step(mean, cov, z, H, R, model)
+        added = blind or not np.isnan(z).all()
+        return mean + added * B * model.B, cov + added * Q * model.Q
+
+    return kalman_step
+
+
+def _old_cov_updated(mean: Array, cov: Array, z: Array, H: Array, R: Array, model: Any) -> tuple[Array, Array]:
+    """Predict the covariance for the gain, and update the old one with it."""
+    z, H, R = seen(z, H, R)
+    mean, P = model.F @ mean + model.B, model.F @ cov @ model.F.T + model.Q
+    if not len(z):
+        return mean, P
+    K = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+    return mean + K @ (z - H @ mean), (np.eye(len(P)) - K @ H) @ cov
+
+
+def _mean_twice_divided(mean: Array, cov: Array, z: Array, H: Array, R: Array, model: Any) -> tuple[Array, Array]:
+    z, H, R = seen(z, H, R)
+    mean, P = model.F @ mean + model.B, model.F @ cov @ model.F.T + model.Q
+    S = H @ P @ H.T + R
+    K = np.linalg.solve(S, H @ P).T
+    return mean + K @ np.linalg.solve(S, z - H @ mean), P - K @ H @ P
+
+
+def _old_gain(mean: Array, cov: Array, z: Array, H: Array, R: Array, model: Any) -> tuple[Array, Array]:
+    """Take S and K from the covariance of k - 1."""
+    z, H, R = seen(z, H, R)
+    mean, P = model.F @ mean + model.B, model.F @ cov @ model.F.T + model.Q
+    K = np.linalg.solve(H @ cov @ H.T + R, H @ cov).T
+    return mean + K @ (z - H @ mean), P - K @ H @ P
+
+
+def _side_by_side(both: bool) -> Function:
+    """Correct the same prediction with every landmark; `both` says whether the covariance, too."""
+
+    def kalman_step(mean: Array, cov: Array, z: Array, H: Array, R: Array, model: Any) -> tuple[Array, Array]:
+        z, H, R = seen(z, H, R)
+        mean, P = model.F @ mean + model.B, model.F @ cov @ model.F.T + model.Q
+        new, left = mean, P
+        for i in range(0, len(z), 2):
+            h, prior = H[i : i + 2], P if both else left
+            K = np.linalg.solve(h @ prior @ h.T + R[i : i + 2, i : i + 2], h @ prior).T
+            new, left = new + K @ (z[i : i + 2] - h @ mean), left - K @ h @ prior
+        return new, left
+
+    return kalman_step
 
 
 def dict_of(key: str) -> Function:
@@ -303,6 +426,36 @@ def _from_landmark_0(problem: Any) -> tuple[Array, Array]:
     return kalman_filter_with(start=lambda model: (model.m0, 0 * model.P0))(problem)  # type: ignore[no-any-return]
 
 
+def _next_or_last(problem: Any, k: int) -> tuple[Any, Any, Any]:
+    there = min(k + 1, problem.n_instants - 1)
+    return problem.z[there], problem.H[there], problem.R[there]
+
+
+def _predictions_carried(problem: Any) -> tuple[Array, Array]:
+    model, step = problem.model, kalman_step_with()
+    mean, cov = model.m0, model.P0
+    rows = [(mean, cov)]
+    for k in range(1, problem.n_instants):
+        rows.append(step(mean, cov, problem.z[k], problem.H[k], problem.R[k], model))
+        mean, cov = model.F @ mean + model.B, model.F @ cov @ model.F.T + model.Q
+    return np.array([mean for mean, _ in rows]), np.array([cov for _, cov in rows])
+
+
+def _aliased(problem: Any) -> tuple[Array, Array]:
+    means, covs = kalman_filter_with()(problem)
+    return np.repeat(means[-1:], len(means), axis=0), np.repeat(covs[-1:], len(covs), axis=0)
+
+
+def _smoothed(problem: Any) -> tuple[Array, Array]:
+    model, (means, covs) = problem.model, kalman_filter_with()(problem)
+    for k in range(len(means) - 2, -1, -1):
+        P = model.F @ covs[k] @ model.F.T + model.Q
+        G = covs[k] @ model.F.T @ np.linalg.pinv(P)
+        means[k] = means[k] + G @ (means[k + 1] - model.F @ means[k] - model.B)
+        covs[k] = covs[k] + G @ (covs[k + 1] - P) @ G.T
+    return means, covs
+
+
 def filters() -> Mutants:
     """Return mistaken kalman_filters: every mistaken step in the right loop, and the right step in a mistaken loop."""
     found: Mutants = [
@@ -319,6 +472,14 @@ def filters() -> Mutants:
         ("time-0-missing", _without_row_0),
         ("time-0-updated", _lagging),
         ("p0-omitted", _from_landmark_0),
+        ("wrong-start", kalman_filter_with(start=lambda model: (0 * model.m0, model.P0))),
+        ("wrong-start", kalman_filter_with(start=lambda model: (model.m0, np.eye(len(model.m0))))),
+        ("wrong-start", kalman_filter_with(start=lambda model: (0 * model.m0, np.eye(len(model.m0))))),
+        ("wrong-start", kalman_filter_with(start=lambda model: (model.m0, model.Q))),
+        ("early", kalman_filter_with(measured=_next_or_last)),
+        ("update-not-carried", _predictions_carried),
+        ("rows-alias", _aliased),
+        ("smoothed", _smoothed),
         ("deviation-as-variance", kalman_filter_with(start=lambda model: (model.m0, np.sqrt(model.P0)))),
         ("variance-squared", kalman_filter_with(start=lambda model: (model.m0, model.P0 @ model.P0))),
     ]

@@ -176,6 +176,35 @@ def _first_components(z: Array, H: Array, R: Array) -> Seen:
     return z[::2], H[::2], R[::2, ::2]
 
 
+def _without(first: bool) -> Any:
+    """Leave out the first or the last landmark of the map."""
+
+    def select(z: Array, H: Array, R: Array) -> Seen:
+        z = z.copy()
+        z[:2] = np.nan if first else z[:2]
+        z[-2:] = z[-2:] if first else np.nan
+        return seen(z, H, R)
+
+    return select
+
+
+def _first_of_map(z: Array, H: Array, R: Array) -> Seen:
+    return seen(np.where(np.arange(len(z)) < 2, z, np.nan), H, R)
+
+
+def _positive(z: Array, H: Array, R: Array) -> Seen:
+    return seen(np.where(z > 0, z, np.nan), H, R)
+
+
+def _all_or_nothing(z: Array, H: Array, R: Array) -> Seen:
+    return seen(z if not np.isnan(z).any() else np.full_like(z, np.nan), H, R)
+
+
+def _r_top_left_zeros(z: Array, H: Array, R: Array) -> Seen:
+    z, H, R = _r_top_left(z, H, R)
+    return z, H, np.nan_to_num(R)
+
+
 def _robot_ignored(z: Array, H: Array, R: Array) -> Seen:
     z, H, R = seen(z, H, R)
     return z, np.hstack([0 * H[:, :2], H[:, 2:]]), R
@@ -231,6 +260,12 @@ SELECT: tuple[tuple[str, Any], ...] = (
     ("cases-by-hand", _at_least(2)),
     ("cases-by-hand", _last_only),
     ("cases-by-hand", _first_components),
+    ("cases-by-hand", _all_or_nothing),
+    ("r-linear-index", _r_top_left_zeros),
+    ("landmark-missed", _without(True)),
+    ("landmark-missed", _without(False)),
+    ("return-in-loop", _first_of_map),
+    ("seen-by-sign", _positive),
     ("robot-ignored", _robot_ignored),
     ("relative-sign", _both_positive),
     ("relative-sign", _both_negative),

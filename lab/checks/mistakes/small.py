@@ -8,7 +8,7 @@ from scipy import stats
 from lab.checks import reference
 from lab.checks.mistakes.clouds import CHOOSE
 from lab.checks.mistakes.kalman import Mutants
-from lab.checks.recipes import Function
+from lab.checks.recipes import Function, normalised
 from lab.checks.reference import RADIUS
 from lab.validation import Array
 
@@ -24,12 +24,29 @@ evidences: Mutants = [
     ("linear-not-log", lambda w, logs: np.mean(np.exp(logs))),
     ("linear-not-log", lambda w, logs: np.exp(reference.evidence_increment(w, logs))),
     ("evidence-summed", lambda w, logs: reference.evidence_increment(w, logs) + np.log(len(w))),
-    ("evidence-summed", lambda w, logs: reference.evidence_increment(w, logs) - np.log(len(w))),
+    ("evidence-averaged-twice", lambda w, logs: reference.evidence_increment(w, logs) - np.log(len(w))),
     ("weights-squared", lambda w, logs: reference.evidence_increment(w**2, logs)),
     ("exponent-sign", lambda w, logs: -reference.evidence_increment(w, logs)),
-    ("evidence-of-logs", lambda w, logs: np.max(logs)),
-    ("evidence-of-logs", lambda w, logs: reference.evidence_increment(w, logs) - np.max(logs)),
+    ("evidence-maximum", lambda w, logs: np.max(logs)),
+    ("evidence-maximum", lambda w, logs: np.max(logs[w > 0])),
+    ("evidence-maximum", lambda w, logs: logs[np.argmax(w)]),
+    ("maximum-lost", lambda w, logs: reference.evidence_increment(w, logs) - np.max(logs)),
+    ("maximum-lost", lambda w, logs: reference.evidence_increment(w, logs) - 2 * np.max(logs)),
+    ("maximum-lost", lambda w, logs: _even_log(logs) - np.max(logs)),
+    ("log-base", lambda w, logs: reference.evidence_increment(w, logs) / np.log(10)),
+    ("log-base", lambda w, logs: reference.evidence_increment(w, logs) / np.log(2)),
+    ("log-base", lambda w, logs: np.max(logs) + (reference.evidence_increment(w, logs) - np.max(logs)) / np.log(10)),
+    ("plain-exp", lambda w, logs: float(np.log(w @ np.exp(logs) + 1e-300))),
+    ("plain-exp", lambda w, logs: float(np.log(max(w @ np.exp(logs), 1e-300)))),
+    ("evidence-new-weights", lambda w, logs: reference.evidence_increment(normalised(w, logs), logs)),
+    ("weight-not-log", lambda w, logs: _log_sum(w, logs)),
+    ("evidence-not-carried", lambda w, logs: _even_log(logs[w > 0])),
+    ("ess-of-evidence", lambda w, logs: float(1 / np.sum(normalised(w, logs) ** 2))),
 ]
+
+
+def _even_log(logs: Array) -> float:
+    return _log_sum(np.zeros(len(logs)), logs) - float(np.log(len(logs)))
 
 
 def _log_sum(first: Array, second: Array) -> float:
@@ -99,15 +116,24 @@ moments: Mutants = [
     ("covariance-normalisation", _moments(_same, lambda w: np.sum(w**2))),
     ("second-moment", _with_cov(lambda cov, x, w: (x * w) @ x.T)),
     ("second-moment", _with_cov(lambda cov, x, w: x @ x.T / len(w) - np.outer(x @ w, x @ w))),
-    ("second-moment", _moments(_same, _one, lambda x, w: x.mean(axis=1))),
+    ("second-moment", _with_cov(lambda cov, x, w: (x * w) @ x.T + np.outer(x @ w, x @ w))),
+    ("centred-elsewhere", _moments(_same, _one, lambda x, w: x.mean(axis=1))),
+    ("centred-elsewhere", _moments(_same, _one, lambda x, w: x[:, np.argmax(w)])),
+    ("likeliest-particle", lambda x, w: (x[:, np.argmax(w)], reference.moments(x, w)[1])),
+    ("likeliest-particle", lambda x, w: (x[:, np.argmax(w)], _scatter(x, x[:, np.argmax(w)], w))),
+    ("weights-ignored", lambda x, w: (np.median(x, axis=1), reference.moments(x, w)[1])),
+    ("mean-over-all", lambda x, w: (np.full(len(x), x.mean()), reference.moments(x, w)[1])),
+    ("mean-over-all", lambda x, w: (np.full(len(x), x.mean()), _scatter(x, np.full(len(x), x.mean()), w))),
     ("variances-only", _with_cov(lambda cov, x, w: np.diag(np.diag(cov)))),
     ("deviation-as-variance", _with_cov(lambda cov, x, w: np.diag(np.sqrt(np.diag(cov))))),
     ("deviation-as-variance", _with_cov(lambda cov, x, w: np.sqrt(cov))),
+    ("deviation-as-variance", _with_cov(lambda cov, x, w: np.sqrt(np.abs(cov)))),
     ("weights-squared", _with_cov(lambda cov, x, w: _scatter(x, x @ w, w**2))),
     ("weights-squared", _with_cov(lambda cov, x, w: _scatter(w * x, x @ w, 1.0))),
     ("weights-squared", _with_cov(lambda cov, x, w: _scatter(w * x, (w * x).mean(axis=1), 1.0))),
     ("weights-rooted", _with_cov(lambda cov, x, w: _scatter(x, x @ w, np.sqrt(w)))),
-    ("covariance-normalisation", lambda x, w: (x @ w / len(w), reference.moments(x, w)[1])),
+    ("mean-divided", lambda x, w: (x @ w / len(w), reference.moments(x, w)[1])),
+    ("mean-divided", lambda x, w: (x @ w / len(w), _scatter(x, x @ w / len(w), w))),
     ("cross-terms-dropped", _with_cov(lambda cov, x, w: _block(cov))),
 ]
 
@@ -136,11 +162,19 @@ corridors: Mutants = [
     ("chi2-dimension", _corridor(lambda v: np.sqrt(stats.chi2.ppf(0.997, 2) * v))),
     ("bounds-swapped", lambda means, covs: reference.corridor(means, covs)[::-1]),
     ("width", lambda means, covs: (means, 3 * np.sqrt(np.diagonal(covs, axis1=1, axis2=2)))),
-    ("width", lambda means, covs: tuple(np.array(reference.corridor(means, covs)) - means)),
     ("width", _corridor(lambda v: 6 * np.sqrt(v))),
     ("width", _corridor(lambda v: 1.5 * np.sqrt(v))),
     ("deviation-as-variance", _corridor(lambda v: 3 * np.sqrt(np.sqrt(v)))),
-    ("covariance-normalisation", lambda means, covs: _corridor(lambda v: 3 * np.sqrt(v / len(v)))(means, covs)),
+    ("one-instant", lambda means, covs: _corridor(lambda v: 3 * np.sqrt(v[:1]) + 0 * v)(means, covs)),
+    ("one-instant", lambda means, covs: _corridor(lambda v: 3 * np.sqrt(v[-1:]) + 0 * v)(means, covs)),
+    ("one-instant", lambda means, covs: _corridor(lambda v: 3 * np.sqrt(v.mean(axis=0)) + 0 * v)(means, covs)),
+    ("spread-over-time", lambda means, covs: _corridor(lambda v: 3 * means.std(axis=0) + 0 * v)(means, covs)),
+    ("one-sided", lambda means, covs: (means, reference.corridor(means, covs)[1])),
+    ("one-sided", lambda means, covs: (reference.corridor(means, covs)[0], means)),
+    ("axes-of-time", lambda means, covs: _corridor(lambda v: 3 * np.sqrt(np.diagonal(covs)))(means, covs)),
+    ("axes-of-time", lambda means, covs: _corridor(lambda v: 3 * np.sqrt(np.diagonal(covs).T))(means, covs)),
+    ("axes-of-time", lambda means, covs: _corridor(lambda v: 3 * np.sqrt(np.diagonal(covs, 0, 0, 2)))(means, covs)),
+    ("not-shifted", lambda means, covs: tuple(np.array(reference.corridor(means, covs)) - means)),
 ]
 corridors += [
     ("wrong-level", _corridor(lambda v, factor=factor: factor * np.sqrt(v)))
@@ -208,10 +242,26 @@ ellipses: Mutants = [
     ("variance-for-deviation", _ellipse(root=lambda cov: np.diag(np.diag(cov)))),
     ("not-shifted", _ellipse(shift=0.0)),
     ("deviation-as-variance", _ellipse(root=_axes(0.25))),
-    ("width", _ellipse(2 * RADIUS)),
-    ("width", _ellipse(RADIUS / 2)),
-    ("wrong-level", _ellipse(root=lambda cov: np.linalg.inv(np.linalg.cholesky(cov)))),
+    ("diameter", _ellipse(2 * RADIUS)),
+    ("diameter", _ellipse(RADIUS / 2)),
+    ("inverse-covariance", _ellipse(root=lambda cov: np.linalg.inv(np.linalg.cholesky(cov)))),
+    ("inverse-covariance", _ellipse(root=lambda cov: np.linalg.cholesky(np.linalg.inv(cov)))),
+    ("inverse-covariance", _ellipse(root=np.linalg.inv)),
+    ("axes-wrong", _ellipse(root=lambda cov: _turned(cov, -1.0))),
+    ("degrees", _ellipse(root=lambda cov: _turned(cov, 180 / np.pi))),
+    ("degrees", _ellipse(root=lambda cov: _turned(cov, np.pi / 180))),
+    ("correlation-ignored", _ellipse(root=lambda cov: np.sqrt(np.trace(cov) / 2) * np.eye(2))),
+    ("correlation-ignored", _ellipse(root=lambda cov: np.linalg.det(cov) ** 0.25 * np.eye(2))),
+    ("correlation-ignored", _ellipse(root=lambda cov: np.sqrt(np.max(np.linalg.eigvalsh(cov))) * np.eye(2))),
 ]
+
+
+def _turned(cov: Array, factor: float) -> Array:
+    """Turn the long axis by `factor` times the angle that it has."""
+    values, vectors = np.linalg.eigh(cov)
+    angle = factor * np.arctan2(vectors[1, 1], vectors[0, 1])
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return np.asarray(rotation * np.sqrt(values[::-1]))
 
 
 def _diagonal_in_axes(cov: Array) -> Array:
@@ -236,13 +286,25 @@ ess: Mutants = [
     ("ess-rounded", lambda w: np.round(1 / np.sum(w**2))),
     ("ess-rounded", lambda w: np.ceil(1 / np.sum(w**2))),
     ("ess-perplexity", _entropy),
-    ("weights-rooted", lambda w: 1 / np.sqrt(np.sum(w**2))),
+    ("ess-rooted", lambda w: 1 / np.sqrt(np.sum(w**2))),
+    ("ess-rooted", lambda w: np.sqrt(np.sum(w**2))),
     ("weights-squared", lambda w: 1 / np.sum(w**4)),
     ("weights-squared", lambda w: 1 / np.sum(w**2) ** 2),
     ("ess-ratio", lambda w: 1 / (len(w) * np.sum(w**2))),
-    ("ess-ratio", lambda w: len(w) / np.sum(w**2)),
-    ("covariance-normalisation", lambda w: len(w) / (1 + np.var(w))),
-    ("covariance-normalisation", lambda w: len(w) / (1 + np.var(len(w) * w, ddof=1))),
+    ("ess-inverse", lambda w: len(w) * np.sum(w**2)),
+    ("ess-times-p", lambda w: len(w) / np.sum(w**2)),
+    ("ess-variance", lambda w: len(w) / (1 + np.var(w))),
+    ("ess-variance", lambda w: len(w) / (1 + np.var(w, ddof=1))),
+    ("ess-variance", lambda w: len(w) / (1 + np.var(len(w) * w, ddof=1))),
+    ("ess-variance", lambda w: len(w) / (1 + np.std(w))),
+    ("ess-variance", lambda w: len(w) / (1 + np.std(len(w) * w))),
+    ("ess-variance", lambda w: 1 / np.var(w)),
+    ("ess-complement", lambda w: 1 - np.sum(w**2)),
+    ("ess-entropy", lambda w: float(np.log(_entropy(w)))),
+    ("ess-logarithm", lambda w: -np.log(np.sum(w**2))),
+    ("ess-logarithm", lambda w: np.log(np.sum(w**2))),
+    ("ess-term-by-term", lambda w: np.sum(1 / w**2)),
+    ("weights-cubed", lambda w: 1 / np.sum(w**3)),
     ("ess-count", lambda w: float(np.sum(w > 1 / len(w)))),
 ]
 ancestors: Mutants = [*CHOOSE]
@@ -303,15 +365,58 @@ closures: Mutants = [
     ("gain-flipped", _closures(_closes, _ratio(_traces, lambda t, k: 1 - t[k - 1] / t[k]))),
     ("gain-flipped", _closures(_closes, _ratio(_traces, lambda t, k: t[k - 1] / t[k]))),
     ("gain-flipped", _closures(_closes, _ratio(_traces, lambda t, k: t[k - 1] / t[k] - 1))),
-    ("gap-in-metres", _closures(_closes, _ratio(_traces, lambda t, k: t[k - 1] - t[k]))),
-    ("gap-in-metres", _closures(_closes, _ratio(_traces, lambda t, k: t[k] - t[k - 1]))),
+    ("gain-absolute", _closures(_closes, _ratio(_traces, lambda t, k: t[k - 1] - t[k]))),
+    ("gain-absolute", _closures(_closes, _ratio(_traces, lambda t, k: t[k] - t[k - 1]))),
+    ("gain-percent", _closures(_closes, lambda covs, k: 100 * _gain(covs, k))),
     ("robot-offset", _closures(_closes, _ratio(lambda c: _traces(c, 0)[:, :-1], _one_minus))),
-    ("gain-of-deviation", _closures(_closes, _ratio(_determinants, _one_minus))),
+    ("gain-of-determinant", _closures(_closes, _ratio(_determinants, _one_minus))),
+    ("gain-of-determinant", _closures(_closes, _ratio(lambda c: np.sqrt(_determinants(c)), _one_minus))),
+    ("gain-of-part", _closures(_closes, _ratio(lambda c: np.diagonal(c, axis1=1, axis2=2)[:, 2::2], _one_minus))),
+    ("gain-of-part", _closures(_closes, _ratio(lambda c: np.diagonal(c, axis1=1, axis2=2)[:, 3::2], _one_minus))),
+    ("gain-of-whole", _closures(_closes, lambda covs, k: _repeated(np.trace(covs, axis1=1, axis2=2), covs, k))),
+    ("gain-of-whole", _closures(_closes, lambda covs, k: _repeated(_traces(covs).sum(axis=1), covs, k))),
+    ("closure-at-loss", _closures(lambda seen, k, m: seen[k - 1, m] and not seen[k, m])),
+    ("first-closure-only", _closures(lambda seen, k, m: _closes(seen, k, m) and not _closed(seen, k, m))),
+    ("last-instant-missed", _closures(lambda seen, k, m: _closes(seen, k, m) and k < len(seen) - 1)),
+    ("columns-exchanged", lambda z, covs: _reordered(z, covs, lambda c, g: (c[:, ::-1], g))),
+    ("order-of-rows", lambda z, covs: _reordered(z, covs, _by_landmark)),
+    ("gain-of-one-landmark", lambda z, covs: _reordered(z, covs, _of_the_one_seen)),
+    ("gain-since-last-seen", lambda z, covs: _since_seen(z, covs)),
     (
-        "gain-from-start",
+        "gain-late",
         _closures(_closes, lambda covs, k: 1 - _traces(covs)[np.minimum(k + 1, len(covs) - 1)] / _traces(covs)[k]),
     ),
 ]
+
+
+def _repeated(values: Array, covs: Array, k: Any) -> Array:
+    gains = 1 - values[k] / values[k - 1]
+    return np.repeat(gains[:, np.newaxis], _traces(covs).shape[1], axis=1)
+
+
+def _closed(seen: Any, k: int, m: int) -> bool:
+    return any(_closes(seen, earlier, m) for earlier in range(1, k))
+
+
+def _reordered(z: Array, covs: Array, change: Function) -> Any:
+    return change(*_closures(_closes)(z, covs))
+
+
+def _by_landmark(closures: Any, gains: Array) -> Any:
+    order = np.lexsort((closures[:, 0], closures[:, 1]))
+    return closures[order], gains[order]
+
+
+def _of_the_one_seen(closures: Any, gains: Array) -> Any:
+    own = gains[np.arange(len(gains)), closures[:, 1]]
+    return closures, np.repeat(own[:, np.newaxis], gains.shape[1], axis=1)
+
+
+def _since_seen(z: Array, covs: Array) -> Any:
+    closures, _ = _closures(_closes)(z, covs)
+    seen, traces = ~np.isnan(z[:, ::2]), _traces(covs)
+    last = [np.flatnonzero(seen[:k, m])[-1] for k, m in closures]
+    return closures, 1 - traces[closures[:, 0]] / traces[np.array(last, dtype=int)]
 
 
 def _gap(scale: Function, mean: Function = lambda ratios: np.sqrt(np.mean(ratios**2)), first: int = 1) -> Function:
@@ -337,17 +442,33 @@ gaps: Mutants = [
     ("gap-not-rooted", _gap(_stds, lambda r: np.mean(r**2))),
     ("gap-signed", _gap(_stds, np.mean)),
     ("gap-signed", _gap(_stds, lambda r: abs(np.mean(r)))),
-    ("covariance-normalisation", _gap(_stds, lambda r: np.sqrt(np.sum(r**2)))),
-    ("covariance-normalisation", _gap(_stds, lambda r: np.sqrt(np.mean(np.sum(r**2, axis=1))))),
-    ("covariance-normalisation", _gap(_stds, lambda r: np.std(r))),
-    ("gap-absolute", _gap(_stds, lambda r: np.mean(np.sqrt(np.mean(r**2, axis=1))))),
-    ("gap-absolute", _gap(_stds, lambda r: np.mean(np.sqrt(np.sum(r**2, axis=1))))),
-    ("gap-absolute", _gap(_stds, lambda r: np.mean(np.sqrt(np.mean(r**2, axis=0))))),
+    ("gap-summed", _gap(_stds, lambda r: np.sqrt(np.sum(r**2)))),
+    ("gap-summed", _gap(_stds, lambda r: np.sqrt(np.mean(np.sum(r**2, axis=1))))),
+    ("gap-summed", _gap(_stds, lambda r: np.sum(r**2))),
+    ("gap-summed", _gap(_stds, lambda r: np.sum(np.abs(r)))),
+    ("gap-centred", _gap(_stds, lambda r: np.std(r))),
+    ("gap-centred", _gap(_stds, lambda r: np.std(r, ddof=1))),
+    ("gap-root-inside", _gap(_stds, lambda r: np.mean(np.sqrt(np.mean(r**2, axis=1))))),
+    ("gap-root-inside", _gap(_stds, lambda r: np.mean(np.sqrt(np.sum(r**2, axis=1))))),
+    ("gap-root-inside", _gap(_stds, lambda r: np.mean(np.sqrt(np.mean(r**2, axis=0))))),
+    ("gap-root-inside", _gap(_stds, lambda r: np.mean(np.sqrt(np.sum(r**2, axis=0))))),
     ("gap-absolute", _gap(_stds, lambda r: np.median(np.abs(r)))),
-    ("gap-absolute", _gap(_stds, lambda r: np.max(np.abs(r)))),
-    ("k0-counted", _gap(_stds, lambda r: np.sqrt(np.mean(r[-1] ** 2)))),
+    ("gap-maximum", _gap(_stds, lambda r: np.max(np.abs(r)))),
+    ("gap-one-instant", _gap(_stds, lambda r: np.sqrt(np.mean(r[-1] ** 2)))),
+    ("k0-counted", _gap(_stds, lambda r: np.sqrt(np.sum(r**2) / (len(r) + 1) / r.shape[1]))),
     ("k0-counted", _gap(_stds, lambda r: np.sqrt(np.mean(r[1:] ** 2)))),
+    ("last-instant-missed", _gap(_stds, lambda r: np.sqrt(np.mean(r[:-1] ** 2)))),
+    ("gap-ratio-of-means", _gap(lambda f, e: np.full(e.means.shape, np.sqrt(np.mean(e.stds[1:] ** 2))))),
+    ("gap-relative", _gap(lambda f, e: np.abs(e.means))),
+    ("gap-whole-covariance", lambda f, e: _mahalanobis(f, e, 1)),
+    ("gap-whole-covariance", lambda f, e: _mahalanobis(f, e, e.means.shape[1])),
     ("gap-in-metres", _gap(lambda f, e: np.full(e.means.shape, e.stds[1:].mean()))),
-    ("robot-only", _gap(_stds, lambda r: np.sqrt(np.mean(r[:, :2] ** 2)))),
-    ("robot-ignored", _gap(_stds, lambda r: np.sqrt(np.mean(r[:, 2:] ** 2)))),
+    ("gap-of-part", _gap(_stds, lambda r: np.sqrt(np.mean(r[:, :2] ** 2)))),
+    ("gap-of-part", _gap(_stds, lambda r: np.sqrt(np.mean(r[:, 2:] ** 2)))),
 ]
+
+
+def _mahalanobis(filtered: Any, exact: Any, divisor: int) -> float:
+    gaps = (filtered.means - exact.means)[1:]
+    squares = np.einsum("ki,kij,kj->k", gaps, np.linalg.pinv(exact.covs[1:], hermitian=True), gaps)
+    return float(np.sqrt(np.mean(squares) / divisor))
