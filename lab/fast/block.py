@@ -1,8 +1,8 @@
 """What a step does to one block of 256 particles while it is in the cache.
 
-Question answered: how do particles move, draw, get weighed and follow their ancestors, when a step is an affine map that
-all share?  Every function takes all blocks and the number b of one, since a view of it would cost as much as the work;
-zeros of a map are left out once per block, and the loop over lanes inside has neither branch nor call.
+Question answered: how do particles move, draw, get weighed and follow their ancestors, when a step is an affine map
+that all share?  Every function takes all blocks and the number b of one, since a view of it would cost as much as the
+work; zeros of a map are left out once per block, and the loop over lanes inside has neither branch nor call.
 Called by `lab.fast.loop`.
 """
 
