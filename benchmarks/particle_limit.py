@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from threadpoolctl import threadpool_limits
 
-from lab.fast import loop, moments, normals, offspring
+from lab.fast import block, moments, normals, offspring
 from lab.problem import Experiment
 from lab.solvers import rbpf, sir
 
@@ -40,7 +40,7 @@ def draw(state, out):
 def weigh(logs, weights, totals):
     """Take one exponential for each particle and sum the weights."""
     for _ in range(BLOCKS):
-        loop.weights_of(logs, 0, 0.0, weights, totals)
+        block.weights_of(logs, 0, 0.0, weights, totals)
 
 
 @njit(nogil=True)
@@ -68,7 +68,7 @@ def resample(logs, state, scratch, cumulative, ends, points, before, ancestors, 
     n = BLOCKS * LANES
     offspring.resample(offspring.SYSTEMATIC, logs, 0.0, n, state, scratch, cumulative, ends, points, before, ancestors)
     for b in range(BLOCKS):
-        loop.fetch(new, old, ancestors, b, n, old.shape[1])
+        block.fetch(new, old, ancestors, b, n, old.shape[1])
 
 
 def parts() -> dict[str, Callable[[], object]]:

@@ -5,8 +5,10 @@ None where numba is missing or does not import; what takes their place is for th
 out: nothing here knows of robots.
 
     arithmetic   log, exp, directions         normals     the random stream
-    moments      sums over a block            offspring   resampling
-    loop         a whole run                  compiled    the run as a function kept on disk
+    block        a step of 256 particles      genealogy   rows kept once per ancestor
+    moments      sums over a block            sums        mean and covariance of them
+    offspring    resampling                   loop        a whole run
+    compiled     the run as a function kept on disk
 """
 
 import warnings

@@ -1,0 +1,137 @@
+"""What a step does to one block of 256 particles while it is in the cache.
+
+Question answered: how do particles move, draw, get weighed and follow their ancestors, when a step is an affine map
+that all share?  Every function takes all blocks and the number b of one, since a view of it would cost as much as the
+work; zeros of a map are left out once per block, and the loop over lanes inside has neither branch nor call.
+Called by `lab.fast.loop`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from lab.fast.arithmetic import exp
+from lab.fast.normals import LANES
+from lab.validation import Array
+
+BLOCK, LANE = np.uint64(LANES.bit_length() - 1), np.uint64(LANES - 1)  # of a place: shift, mask
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def add_rows(target: Array, map_: Array, source: Array, b: int, n_rows: int, n_terms: int) -> None:
+    """Add map_ @ source to the first rows of block b of `target`, leaving out the zeros of the map."""
+    for i in range(n_rows):
+        for q in range(n_terms):
+            factor = map_[i, q]
+            if factor != 0.0:
+                for lane in range(LANES):
+                    target[b, i, lane] += factor * source[q, lane]
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def turns(F: Array, n_moving: int) -> bool:
+    """Whether nothing moves but a point in the plane, by itself."""
+    alone = n_moving == 2
+    for i in range(n_moving):
+        for j in range(n_moving, len(F)):
+            alone &= F[i, j] == 0.0
+    return alone
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, turning: bool, scratch: Array) -> None:
+    """Set the first rows of block b to F x + B; the others stay as they are."""
+    if turning:
+        f00, f01, f10, f11, b0, b1 = F[0, 0], F[0, 1], F[1, 0], F[1, 1], B[0], B[1]
+        for lane in range(LANES):
+            x0, x1 = x[b, 0, lane], x[b, 1, lane]
+            x[b, 0, lane] = b0 + f00 * x0 + f01 * x1
+            x[b, 1, lane] = b1 + f10 * x0 + f11 * x1
+        return
+    for i in range(n_moving):
+        for lane in range(LANES):
+            scratch[i, lane] = B[i]
+        for j in range(n_active):
+            factor = F[i, j]
+            if factor != 0.0:
+                for lane in range(LANES):
+                    scratch[i, lane] += factor * x[b, j, lane]
+    for i in range(n_moving):
+        for lane in range(LANES):
+            x[b, i, lane] = scratch[i, lane]
+
+
+@njit(error_model="numpy", nogil=True)
+def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int) -> None:
+    """Copy the ancestors of the particles of block b."""
+    held = min(LANES, n - b * LANES)
+    for i in range(n_active):
+        for lane in range(held):
+            ancestor = np.uint64(ancestors[b * LANES + lane])
+            new[b, i, lane] = old[ancestor >> BLOCK, i, ancestor & LANE]
+        for lane in range(held, LANES):
+            new[b, i, lane] = 0.0
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def weigh_by_measurement(
+    x: Array, rows: Array, z: Array, H: Array, b: int, p: int, n_active: int, y: Array, constant: float, logs: Array
+) -> None:
+    """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b."""
+    for r in range(p):
+        for lane in range(LANES):
+            y[r, lane] = z[r]
+        for j in range(H.shape[1]):
+            factor = H[r, j]
+            if factor != 0.0 and j < n_active:
+                for lane in range(LANES):
+                    y[r, lane] -= factor * x[b, j, lane]
+            elif factor != 0.0:
+                for lane in range(LANES):
+                    y[r, lane] -= factor * rows[j - n_active, lane]
+    for lane in range(LANES):
+        logs[b, lane] += constant
+    for r in range(p):
+        for lane in range(LANES):
+            logs[b, lane] -= 0.5 * y[r, lane] * y[r, lane]
+
+
+@njit(error_model="numpy", fastmath={"reassoc", "nsz", "nnan"}, nogil=True)
+def largest_of(logs: Array, b: int) -> Any:
+    """Return the largest log-weight of block b."""
+    largest = logs[b, 0]
+    for lane in range(LANES):
+        value = logs[b, lane]
+        largest = value if value > largest else largest
+    return largest
+
+
+@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Array) -> Any:
+    """Set the weights of block b relative to `largest`, add them and their squares to the totals, return their sum."""
+    for lane in range(LANES):
+        weights[lane] = exp(logs[b, lane] - largest)
+    total = squares = 0.0
+    for lane in range(LANES):
+        total += weights[lane]
+        squares += weights[lane] * weights[lane]
+    totals[0] += total
+    totals[1] += squares
+    return total
+
+
+@njit(error_model="numpy", nogil=True)
+def fill_mean(x: Array, m0: Array, b: int, start: int, n_rows: int) -> None:
+    """Put every particle of block b at the mean of the prior."""
+    for i in range(n_rows):
+        for lane in range(LANES):
+            x[b, i, lane] = m0[start + i]
+
+
+@njit(error_model="numpy", nogil=True)
+def fill_even(logs: Array, n: int, even: float) -> None:
+    """Give all n particles the same log-weight."""
+    for b in range(len(logs)):
+        for lane in range(min(LANES, n - b * LANES)):
+            logs[b, lane] = even
