@@ -1,6 +1,7 @@
 """What is handed in: read in pieces, judged in child processes, told on a terminal and in a table."""
 
 import json
+import sys
 
 import pandas as pd
 import pytest
@@ -42,6 +43,16 @@ def notebook(*sources: str, language: str = "code") -> str:
 def graded(path, *keys, **limits):
     (handed_in,) = find(path)
     return {v.question: v for v in grade(handed_in, [BY_KEY[key] for key in keys], limits=Limits(**limits)).verdicts}
+
+
+@pytest.fixture(autouse=True)
+def _forget_what_submissions_import(monkeypatch):
+    """A submission is loaded in a process of its own; here its neighbours must not be found by other tests."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    before = set(sys.modules)
+    yield
+    for name in {"utils"} & (set(sys.modules) - before):
+        del sys.modules[name]
 
 
 @pytest.fixture

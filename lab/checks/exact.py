@@ -13,6 +13,7 @@ import numpy as np
 from lab.checks import guard, reference
 from lab.checks.forms import SECONDS, Form, Result, forms, joined, read_outcome
 from lab.checks.inputs import Case, cases, edges, equality, uncertain_robot
+from lab.checks.mistakes.densities import with_motion_noise
 from lab.checks.naming import ACCEPTED, by_message, by_pattern, global_data, name, right_results, same
 from lab.checks.questions import Question
 from lab.checks.verdict import Verdict
@@ -45,6 +46,10 @@ def examine(question: Question, answer: Callable[..., Any], watch: Callable[[str
         reason, hint = in_words(["blind-density"])
         found = "log density is 1, for the handout's world, nothing seen"
         return Verdict(key, False, f"{reason} Found: {found}.", hint, "blind-density")
+    if key == "q2a" and (found := _off_where_uncertain(question, answer)):
+        named = ["q-in-prior"] if _off_where_uncertain(question, answer, with_motion_noise) == "" else []
+        reason, hint = in_words(named) if named else (f"{upper(found)}.", "Which components of x_0 have a variance?")
+        return Verdict(key, False, f"{reason} Found: {found}." if named else reason, hint, " ".join(named))
     return Verdict(key, True, f"public checks passed ({len(tried)}/{len(tried)}).", advice(question, answer, calls))
 
 
@@ -81,6 +86,17 @@ def advice(question: Question, answer: Callable[..., Any], calls: Sequence[guard
     if any(call.printed for call in calls):
         said.append("The function prints; remove that before it runs in a loop.")
     return " ".join(said)
+
+
+def _off_where_uncertain(
+    question: Question, answer: Callable[..., Any], right: Callable[..., Any] = reference.log_prior
+) -> str:
+    """Return how a prior density differs where the robot is uncertain, too; nothing when it takes it to be known."""
+    form, case = forms()["q2a"], uncertain_robot()
+    result, expected = _run(form, answer, case, question, False)[0], _run(form, right, case, question, False)[0]
+    if not result.arrays or same(result, expected, ACCEPTED) or np.isneginf(result.arrays[0]).all():
+        return ""
+    return f"{difference(form, result, expected)}, for {case.label}"
 
 
 def _at_equality(question: Question, answer: Callable[..., Any]) -> bool:

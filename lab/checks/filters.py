@@ -18,6 +18,7 @@ from lab.checks.mistakes.densities import likelihoods
 from lab.checks.mistakes.filters import simulated
 from lab.checks.naming import global_data
 from lab.checks.occasions import look_at_resampling, look_at_reset
+from lab.checks.offspring import look_at_offspring
 from lab.checks.questions import Question
 from lab.checks.recipes import log_likelihood_with
 from lab.checks.running import PARTICLES, Refused, declared_jitter, require_randomness, run_filter
@@ -64,6 +65,9 @@ def examine(
         if question.key in ("q4-filter", "q6-filter"):
             said += look_at_resampling(question, solver, jitter, seed)
             passed += ["when it resamples", "that nothing else moves the landmarks"]
+            if question.key == "q6-filter" and not jitter:
+                look_at_offspring(question, solver, seed)
+                passed.append("that offspring are drawn")
         else:
             look_at_reset(question, solver, jitter, seed)
             passed.append("even weights after resampling")

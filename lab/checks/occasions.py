@@ -68,10 +68,13 @@ def look_at_resampling(question: Question, solver: Callable[..., Any], jitter: f
         if instants:
             found = f"The landmarks' moments change at k = {instants[0]}, though the cloud was resampled before."
             raise Refused(_named(question, "weights-not-reset", found))
-    if question.key == "q6-filter" and all(run.ess is not None and run.ess[1] > 0.999 * PARTICLES for run in clouds):
+    before = not jitter and not _moving_instants(clouds, [2])
+    if question.key == "q6-filter" and (
+        before or all(run.ess is not None and run.ess[1] > 0.999 * PARTICLES for run in clouds)
+    ):
+        what = "The moments are those" if before else "The effective sample size is that"
         said.append(
-            "The effective sample size is that after resampling. If the moments are, too, they are noisier than they"
-            " could be: take both from the weighted cloud, before."
+            f"{what} after resampling, which adds noise: take moments and size from the weighted cloud, before."
         )
     return said
 

@@ -193,9 +193,10 @@ def blinking(strength: str) -> Problem:
 
     Since landmarks stand still, their moments can change after k = 1 by resampling only. "robot" ruins weights that
     are conditional on the path alone, too: the landmarks are known better than where the robot has slipped to.
+    "middle" is short, and shares the weight of two particles in all ways.
     """
-    steps = 13 if strength == "weak" else 6
+    steps = {"weak": 13, "middle": 3}.get(strength, 6)
     known = 0.02 if strength == "robot" else 1.0
     world = replace(scenario(3, 9, some(0, 3, *[0] * 20), n_steps=steps), landmark_cov=known * _leaning())
-    noise = {"strong": 0.5, "weak": 4.0, "robot": 0.05}[strength] ** 2
+    noise = {"strong": 0.5, "middle": 1.0, "weak": 4.0, "robot": 0.05}[strength] ** 2
     return experiment(replace(world, measurement_cov=noise * np.eye(6)), 9).problem

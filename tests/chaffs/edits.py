@@ -177,6 +177,7 @@ EDITS = [
     ("q2a", "exponent-sign", "return -0.5 * (d @", "return 0.5 * (d @"),
     ("q2a", "double-inverse", "d @ np.linalg.inv(cov) @ d", "d @ cov @ d"),
     ("q2a", "linear-not-log", "return gaussian(x[free]", "return np.exp(1.0) ** gaussian(x[free]"),
+    ("q2a", "q-in-prior", "model.P0[free][:, free])", "(model.P0 + model.Q)[free][:, free])"),
     ("q2b", "b-omitted", "d = x_next - model.F @ x - model.B", "d = x_next - model.F @ x"),
     ("q2b", "f-omitted", "d = x_next - model.F @ x - model.B", "d = x_next - x"),
     ("q2b", "arguments-swapped", "d = x_next - model.F @ x - model.B", "d = x - model.F @ x_next - model.B"),
@@ -591,6 +592,8 @@ EDITS = [
         "            x, w = x[:, resample(w, rng)], np.ones(P) / P",
         "            x, w = np.vstack([x[:2, resample(w, rng)], x[2:]]), np.ones(P) / P",
     ),
+    ("q6-filter", "resampling-fixed", "x[:, resample(w, rng)]", "x[:, select_ancestors(w, (np.arange(P) + 0.5) / P)]"),
+    ("q6-filter", "resampling-fixed", "x[:, resample(w, rng)]", "x[:, select_ancestors(w, np.arange(P) / P)]"),
     # loop closure and study
     ("q7", "first-sighting", " and seen[:k, m].any():", ":"),
     (

@@ -282,6 +282,10 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "the initial cloud has the wrong covariance: a Cholesky factor of P0 is transposed",
         "With x = m0 + A e, Cov[x] = A A'. What do you get from your A? numpy's factor is lower, scipy's upper.",
     ),
+    "q-in-prior": (
+        "the motion noise Q is added to the covariance of the prior",
+        "How often has the robot moved at k = 0?",
+    ),
     "p0-omitted": (
         "the start is taken as known exactly: P0 is left out",
         "How uncertain are the landmarks at k = 0? Row 0 must show it.",
@@ -556,6 +560,10 @@ _TEXTS: dict[str, tuple[str, str]] = {
     "resampled-last": (
         "the cloud is resampled after it was weighed, not before it moves",
         "Look at the order in the table: moments are to come from the weighted cloud.",
+    ),
+    "resampling-fixed": (
+        "the same weights always get the same offspring: the points of resampling are not random",
+        "Over many runs a particle must get P w_i offspring on average, which is no whole number. Which draw decides?",
     ),
     "resampling-biased": (
         "particles do not get P w_i offspring on average",

@@ -178,6 +178,15 @@ def _prior(density: Function) -> Function:
     return lambda x, model: density(np.asarray(x) - model.m0, model.P0)
 
 
+def with_motion_noise(x: Array, model: Any) -> float:
+    """Return the prior's log-density with Q added to P0, which only an uncertain robot shows."""
+    free = np.diag(model.P0) > 0
+    if np.any(x[~free] != model.m0[~free]):
+        return -np.inf
+    cov = (model.P0 + model.Q)[np.ix_(free, free)]
+    return float(log_gaussian((x - model.m0)[free, np.newaxis], cov)[0])
+
+
 def _handout(x: Array) -> Any:
     return handout_model(len(x) // 2 - 1)
 
