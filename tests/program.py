@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -49,6 +50,11 @@ def start(*arguments: object, cwd: Path, **options: object) -> Done:
     """Run the program as a process of its own, in a folder of its own."""
     done = subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=100, **options)
     return Done(done.returncode, done.stdout, done.stderr)
+
+
+def interruptible():
+    """Undo what a job in the background inherits: interrupts are ignored there, and the program respects that."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def everything_in(folder: Path) -> dict[str, bytes]:

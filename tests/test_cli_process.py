@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from program import command, everything_in, start
+from program import command, everything_in, interruptible, start
 
 posix = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals and terminals")
 
@@ -40,11 +40,6 @@ def interrupting(problem, rng, *, n_particles):
     os.kill(os.getpid(), signal.SIGINT)
     return sir(problem, rng, n_particles=n_particles)
 """
-
-
-def interruptible():
-    """Undo what a job in the background inherits: interrupts are ignored there, and the program respects that."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def members(group):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from program import call, command, everything_in, start
+from program import call, command, everything_in, interruptible, start
 
 from lab.records.files import exclusive
 from lab.solvers import resolve
@@ -63,7 +63,7 @@ def stopped(here):
         (here / "patient.py").write_text(PATIENT)
         arguments = command(*GIVEN, "--solvers", "patient.py:patient", "--moments", "--out", "result", *more)
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        process = subprocess.Popen(arguments, start_new_session=True, **pipes)
+        process = subprocess.Popen(arguments, start_new_session=True, preexec_fn=interruptible, **pipes)
         try:
             deadline = time.monotonic() + 100
             while finished(here) < 2 and time.monotonic() < deadline:
