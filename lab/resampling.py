@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from lab.validation import Array, InputError
 
 Ancestors = NDArray[np.intp]
+UNSURE = 1e-6  # far above the rounding of N c, for every N that fits in memory
 Resampler = Callable[[Array, np.random.Generator], Ancestors]
 
 
@@ -44,13 +45,13 @@ def systematic(weights: Array, rng: np.random.Generator) -> Ancestors:
         Weights negative, NaN, infinite or all zero.
     """
     n = len(weights)
-    return _inverse((np.arange(n) + rng.random()) / n, _normalised(weights))
+    return _inverse_of_strata((np.arange(n) + rng.random()) / n, _normalised(weights))
 
 
 def stratified(weights: Array, rng: np.random.Generator) -> Ancestors:
     """Resample with one uniform number per stratum; arguments, result and errors as `systematic`."""
     n = len(weights)
-    return _inverse((np.arange(n) + rng.random(n)) / n, _normalised(weights))
+    return _inverse_of_strata((np.arange(n) + rng.random(n)) / n, _normalised(weights))
 
 
 def multinomial(weights: Array, rng: np.random.Generator) -> Ancestors:
@@ -104,7 +105,30 @@ def _normalised(weights: Array) -> Array:
 
 def _inverse(points: Array, weights: Array) -> Ancestors:
     """Invert the cumulative weights; `weights` may sum to anything positive, the points lie in [0, 1]."""
+    return np.searchsorted(_cumulative(weights), points, side="right")
+
+
+def _inverse_of_strata(points: Array, weights: Array) -> Ancestors:
+    """Return what `_inverse` does for one point in each of the intervals [j / N, (j + 1) / N], without a search.
+
+    Of the points below c, all but one follow from the whole part of N c; the marks that they leave are summed. Where N c
+    is too near a whole number to tell, the search decides.
+    """
+    n = len(points)
+    cumulative = _cumulative(weights)
+    cumulative = cumulative[: np.searchsorted(cumulative, np.inf)]
+    scaled = cumulative * n
+    whole = np.minimum(scaled.astype(np.intp), n - 1)
+    below = whole + (points[whole] < cumulative)
+    scaled -= np.rint(scaled)
+    unsure = np.flatnonzero(np.abs(scaled, out=scaled) < UNSURE)
+    below[unsure] = np.searchsorted(points, cumulative[unsure])
+    return np.cumsum(np.bincount(below, minlength=n)[:n])
+
+
+def _cumulative(weights: Array) -> Array:
+    """Return the cumulative sum relative to its end, infinite from the last positive weight on."""
     cumulative = np.cumsum(weights)
     cumulative /= cumulative[-1]
-    cumulative[np.flatnonzero(weights)[-1] :] = np.inf
-    return np.searchsorted(cumulative, points, side="right")
+    cumulative[len(weights) - 1 - np.argmax(weights[::-1] > 0) :] = np.inf
+    return cumulative

@@ -35,6 +35,20 @@ def cut(world, n_instants):
     return Problem(world.model, world.z[:n_instants], world.H[:n_instants], world.R[:n_instants])
 
 
+def mixed():
+    """F that mixes all components."""
+    world = problem(full_scenario(1))
+    F = np.eye(4) + 0.1 * np.random.default_rng(2).standard_normal((4, 4))
+    model = LinearGaussianModel(F, world.model.B, world.model.Q, world.model.m0, world.model.P0)
+    return Problem(model, world.z, world.H, world.R)
+
+
+def lost():
+    """Return a world whose measurements are so far off that their densities are zero."""
+    world = problem(full_scenario(1))
+    return Problem(world.model, np.where(np.isnan(world.z), np.nan, 1e200), world.H, world.R)
+
+
 def steps_of(world, proposal, n_particles, seed=0, ess_threshold=0.0):
     rng = np.random.default_rng(seed)
     options = {"n_particles": n_particles, "ess_threshold": ess_threshold, "resample": "systematic"}

@@ -26,6 +26,25 @@ class Constant:
         return self.value if size is None else np.full(size, self.value)
 
 
+@given(weights=WEIGHTS, shift=st.one_of(st.sampled_from([0.0, LARGEST, 0.5]), st.floats(0, 1)), own=st.booleans())
+def test_points_of_strata_need_no_search(weights, shift, own):
+    """Counting gives what the search gives, for points on the edges of their strata, too."""
+    n = len(weights)
+    shifts = np.roll(np.linspace(0, LARGEST, n), 3) if own else shift
+    points = (np.arange(n) + shifts) / n
+    np.testing.assert_array_equal(resampling._inverse_of_strata(points, weights), resampling._inverse(points, weights))
+
+
+@pytest.mark.parametrize("n", [7, 1000, 100_000])
+def test_many_points_need_no_search(n):
+    rng = np.random.default_rng(n)
+    for weights in (rng.gamma(0.1, size=n), rng.gamma(30, size=n), np.ones(n), (rng.random(n) < 0.3) * 1.0):
+        points = (np.arange(n) + rng.random(n)) / n
+        np.testing.assert_array_equal(
+            resampling._inverse_of_strata(points, weights), resampling._inverse(points, weights)
+        )
+
+
 @pytest.mark.parametrize("scheme", SCHEMES)
 @given(weights=WEIGHTS, seed=st.integers(0, 2**32 - 1), scale=st.sampled_from([1.0, 1 - 1e-6, 1 + 1e-6, 7.0]))
 def test_indices_are_valid_and_never_of_weight_zero(scheme, weights, seed, scale):

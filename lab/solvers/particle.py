@@ -22,7 +22,7 @@ from lab import resampling, weights
 from lab.problem import Problem, require_problem
 from lab.resampling import Ancestors, Resampler
 from lab.result import Filtered, Step, collect
-from lab.solvers import compiled
+from lab.solvers import blocked, compiled
 from lab.solvers.backends import is_compiled
 from lab.solvers.proposals import Cloud, GaussianProposal, delayed, optimal, prior, rbpf_optimal, rbpf_prior
 from lab.solvers.protocol import Proposal
@@ -30,6 +30,7 @@ from lab.validation import Array, InputError, real_array, require_generator, who
 
 GUIDED = {"delayed": delayed, "optimal": optimal}
 RAO_BLACKWELLIZED = {"optimal": rbpf_optimal, "prior": rbpf_prior}
+ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
 ROUNDING = 1e-9  # relative: equal weights may sum to an ESS just above P, and must still trigger at a threshold of 1
 
 
@@ -258,6 +259,11 @@ def _filter(
         n_particles, ess_threshold, _ = _checked_options(problem, rng, n_particles, ess_threshold, resample)
         settings: dict[str, Any] = {"n_particles": n_particles, "ess_threshold": ess_threshold, "resample": resample}
         return compiled.run(problem, rng, proposal=proposal, **settings)
+    if resample in ASCENDING:
+        n_particles, ess_threshold, scheme = _checked_options(problem, rng, n_particles, ess_threshold, resample)
+        return blocked.run(
+            problem, rng, proposal=proposal, n_particles=n_particles, ess_threshold=ess_threshold, scheme=scheme
+        )
     steps = particle_steps(
         problem, rng, proposal=proposal, n_particles=n_particles, ess_threshold=ess_threshold, resample=resample
     )

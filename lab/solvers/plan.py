@@ -1,0 +1,115 @@
+"""From a proposal's laws to the arrays that the fast loops run on.
+
+Question answered: what of a filter does not depend on the particles?  Everything but the draws: the laws of all steps
+follow from what is seen.  They are computed once for a problem, whitened,
+
+    S = L L',   z~ = L^-1 z,   H~ = L^-1 H,   K~ = K L,   constant = -(p log 2 pi + log det S) / 2,
+
+and the rows of the state are ordered: those that F moves, others that some step touches or reads, then the static
+ones, of which all descendants of one particle of time 0 share the values (landmarks of SIS and SIR; none of what a
+Rao-Blackwellized filter has seen).  Called by `lab.solvers.blocked` and `lab.solvers.compiled`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import scipy.linalg
+
+from lab import gaussian
+from lab.problem import Problem
+from lab.solvers.proposals import GaussianProposal
+from lab.validation import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A filter's laws, rows of the state in `order`: n of them, of which a are active, that is, not static.
+
+    Attributes
+    ----------
+    order : (n,) array of int
+    m0, spread_0 : (n,), (n, e_0) array
+    F, B : (a, a), (a,) array
+    n_moving : int
+    sizes : (T, 2) array of int
+    z, H, K, spread, constants : (T, p), (T, p, n), (T, a, p), (T, a, e), (T,) array
+    extra : (T + 1, n, n) array
+    draw_first : bool
+    """
+
+    order: Any
+    m0: Array
+    spread_0: Array
+    F: Array
+    B: Array
+    n_moving: int
+    sizes: Any
+    z: Array
+    H: Array
+    K: Array
+    spread: Array
+    constants: Array
+    extra: Array
+    draw_first: bool
+
+
+_plans: WeakKeyDictionary[Problem, dict[GaussianProposal, Plan]] = WeakKeyDictionary()  # problems never change
+
+
+def plan(problem: Problem, proposal: GaussianProposal) -> Plan:
+    """Return the plan of a filter, made at the first call for this problem.
+
+    Raises
+    ------
+    InputError
+        As `GaussianProposal.law`.
+    """
+    known = _plans.setdefault(problem, {})
+    if proposal not in known:
+        known[proposal] = _made(problem, proposal)
+    return known[proposal]
+
+
+def _made(problem: Problem, proposal: GaussianProposal) -> Plan:
+    model, laws = problem.model, list(proposal.laws(problem))
+    n, T = len(model.m0), len(laws)
+    spread_0, left = gaussian.split(model.P0, proposal.sampled(problem, 0))
+    p = max((len(law.z) for law in laws), default=0)
+    e = max((law.spread.shape[1] for law in laws), default=0)
+    sizes = np.array([[len(law.z), law.spread.shape[1]] for law in laws], dtype=np.int64).reshape(T, 2)
+    z, H, K = np.zeros((T, p)), np.zeros((T, p, n)), np.zeros((T, n, p))
+    spread, constants = np.zeros((T, n, e)), np.zeros(T)
+    extra = np.array([left, *(law.cov for law in laws)])
+    for k, law in enumerate(laws):
+        m, d = sizes[k]
+        L = np.linalg.cholesky(law.S)
+        z[k, :m] = scipy.linalg.solve_triangular(L, law.z, lower=True) if m else law.z
+        H[k, :m] = scipy.linalg.solve_triangular(L, law.H, lower=True) if m else law.H
+        K[k, :, :m] = law.K @ L
+        spread[k, :, :d] = law.spread
+        constants[k] = -np.log(np.diag(L)).sum() - m * gaussian.LOG_2PI / 2
+    moving = np.zeros(n, bool)
+    moving[model.moving] = True
+    read = (model.F[moving] != 0).any(axis=0)
+    touched = (K != 0).any(axis=(0, 2)) | (spread != 0).any(axis=(0, 2))
+    active = moving | read | touched
+    order = np.concatenate([np.flatnonzero(moving), np.flatnonzero(active & ~moving), np.flatnonzero(~active)])
+    a = order[: active.sum()]
+    return Plan(
+        order,
+        model.m0[order],
+        np.ascontiguousarray(spread_0[order]),
+        np.ascontiguousarray(model.F[np.ix_(a, a)]),
+        model.B[a],
+        int(moving.sum()),
+        sizes,
+        z,
+        np.ascontiguousarray(H[:, :, order]),
+        np.ascontiguousarray(K[:, a]),
+        np.ascontiguousarray(spread[:, a]),
+        constants,
+        np.ascontiguousarray(extra[:, order][:, :, order]),
+        not proposal.look_ahead,
+    )

@@ -1,0 +1,77 @@
+"""The fast loop in numpy: step for step the readable loop, on the same random numbers."""
+
+import numpy as np
+import pytest
+from test_proposals import PROPOSALS, coupled, cut, lost, mixed
+from worlds import WORLDS, problem
+
+from lab import resampling
+from lab.resampling import RESAMPLERS
+from lab.result import collect
+from lab.solvers import blocked, particle, particle_steps, sir
+from lab.solvers.blocked import BLOCK
+from lab.solvers.proposals import prior
+from lab.validation import InputError
+
+TWIN_WORLDS = WORLDS | {"coupled": coupled, "mixed": lambda: cut(mixed(), 8), "one instant": lambda: cut(problem(), 1)}
+
+
+def both(problem, proposal, seed, scheme="systematic", **options):
+    options["proposal"] = proposal
+    fast = blocked.run(problem, np.random.default_rng(seed), scheme=resampling.resolve(scheme), **options)
+    return fast, collect(particle_steps(problem, np.random.default_rng(seed), resample=scheme, **options))
+
+
+def assert_same(fast, readable):
+    scale = np.abs(readable.means).max()
+    np.testing.assert_allclose(fast.means, readable.means, rtol=0, atol=1e-11 * scale)
+    np.testing.assert_allclose(fast.covs, readable.covs, rtol=0, atol=1e-11 * scale)
+    np.testing.assert_allclose(fast.log_evidence, readable.log_evidence, rtol=1e-11, atol=1e-9)
+    np.testing.assert_allclose(fast.ess, readable.ess, rtol=1e-9)
+    np.testing.assert_array_equal(fast.survivors, readable.survivors)
+
+
+@pytest.mark.parametrize("world", TWIN_WORLDS)
+@pytest.mark.parametrize("name", PROPOSALS)
+def test_twin(world, name):
+    problem = TWIN_WORLDS[world]()
+    for n_particles, ess_threshold, scheme in (
+        (700, 0.5, "systematic"),
+        (256, 1.0, "stratified"),
+        (30, 0.0, "systematic"),
+        (1, 0.5, "stratified"),
+    ):
+        options = {"n_particles": n_particles, "ess_threshold": ess_threshold}
+        assert_same(*both(problem, PROPOSALS[name], 3, scheme, **options))
+
+
+@pytest.mark.parametrize("n_particles", [BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK + 96])
+@pytest.mark.parametrize("name", PROPOSALS)
+def test_twin_over_blocks(n_particles, name):
+    assert_same(*both(cut(problem(), 12), PROPOSALS[name], 4, n_particles=n_particles, ess_threshold=0.7))
+
+
+def test_landmarks_are_kept_once_for_each_ancestor():
+    """Static rows shrink with the survivors, whose places in the cloud they give."""
+    laws = blocked.plan(cut(problem(), 12), prior)
+    cloud = blocked._Cloud(laws, 50, np.random.default_rng(0))
+    before, places = cloud.static, np.sort(np.random.default_rng(1).integers(0, 50, 50))
+    cloud.resample(places)
+    assert cloud.static.shape[1] == len(cloud.starts) == len(np.unique(places)) < 50
+    np.testing.assert_array_equal(cloud.static[:, cloud.group], before[:, places])
+
+
+@pytest.mark.parametrize("scheme", RESAMPLERS)
+def test_who_runs_a_scheme(scheme, monkeypatch):
+    """Schemes whose ancestors ascend go the fast way, others and functions through the readable loop."""
+    went = []
+    monkeypatch.setattr(particle.blocked, "run", lambda *args, **options: went.append("fast"))
+    monkeypatch.setattr(particle, "collect", lambda steps: went.append("readable"))
+    for resample in (scheme, RESAMPLERS[scheme]):
+        sir(problem(), np.random.default_rng(0), n_particles=5, resample=resample)
+    assert went == ["fast" if scheme in ("systematic", "stratified") else "readable", "readable"]
+
+
+def test_weights_that_are_all_zero_name_their_instant():
+    with pytest.raises(InputError, match=r"At k = \d+: .* every weight is zero"), np.errstate(over="ignore"):
+        sir(lost(), np.random.default_rng(0), n_particles=300)
