@@ -111,8 +111,8 @@ def _inverse(points: Array, weights: Array) -> Ancestors:
 def _inverse_of_strata(points: Array, weights: Array) -> Ancestors:
     """Return what `_inverse` does for one point in each of the intervals [j / N, (j + 1) / N], without a search.
 
-    Of the points below c, all but one follow from the whole part of N c; the marks that they leave are summed. Where N c
-    is too near a whole number to tell, the search decides.
+    Of the points below c, all but one follow from the whole part of N c; the marks that they leave are summed. Where
+    N c is too near a whole number to tell, the search decides.
     """
     n = len(points)
     cumulative = _cumulative(weights)

@@ -13,7 +13,8 @@ For schemes whose ancestors come in ascending order.  Called by `lab.solvers.par
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -30,6 +31,34 @@ PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
 Term = tuple[slice, slice, Array]  # target rows += matrix @ source rows
+
+
+class _Step(NamedTuple):
+    """A step of a plan without its zeros.
+
+    Attributes
+    ----------
+    move : (n_moving, r) array
+        Of the first r rows.
+    measure, correct, draw : list of Term
+        -H of the active rows, K, and the spread.
+    z, of_static : (p, 1), (p, s) array
+        The measurement, and H of the static rows.
+    constant : float
+    n_draws : int
+    """
+
+    move: Array
+    measure: list[Term]
+    correct: list[Term]
+    draw: list[Term]
+    z: Array
+    of_static: Array
+    constant: float
+    n_draws: int
+
+
+_prepared: WeakKeyDictionary[Plan, list[_Step]] = WeakKeyDictionary()  # plans never change
 
 
 class _Cloud:
@@ -108,6 +137,7 @@ def run(
         Every weight is zero at some k, which is named, or a particle is not finite.
     """
     laws = plan(problem, proposal)
+    steps = _steps(laws)
     N, n = problem.n_instants, len(laws.m0)
     means, covs = np.empty((N, n)), np.empty((N, n, n))
     log_evidence, ess = np.zeros(N), np.empty(N)
@@ -120,7 +150,7 @@ def run(
             if ess[k - 1] <= ess_threshold * n_particles * (1 + ROUNDING):
                 cloud.resample(scheme(w, rng))
                 logs = np.log(even)
-            _step(cloud, laws, k - 1, logs, rng)
+            _make(steps[k - 1], cloud, laws, logs, rng)
             try:
                 w, log_total = weights.normalise(logs)
             except InputError as error:
@@ -136,29 +166,45 @@ def run(
     return Filtered(means[:, back], covs[:, back][:, :, back], log_evidence, ess, survivors)
 
 
-def _step(cloud: _Cloud, laws: Plan, step: int, logs: Array, rng: np.random.Generator) -> None:
+def _steps(laws: Plan) -> list[_Step]:
+    """Return the steps of a plan, made at the first call."""
+    if laws not in _prepared:
+        a, move = len(laws.B), laws.F[: laws.n_moving]
+        used = np.flatnonzero(move.any(axis=0))
+        move = np.ascontiguousarray(move[:, : used[-1] + 1 if len(used) else 0])
+        _prepared[laws] = [
+            _Step(
+                move,
+                _terms(-laws.H[step, :p, :a]),
+                _terms(laws.K[step, :, :p]),
+                _terms(laws.spread[step, :, :e]),
+                laws.z[step, :p, np.newaxis],
+                laws.H[step, :p, a:],
+                float(laws.constants[step]),
+                int(e),
+            )
+            for step, (p, e) in enumerate(laws.sizes)
+        ]
+    return _prepared[laws]
+
+
+def _make(step: _Step, cloud: _Cloud, laws: Plan, logs: Array, rng: np.random.Generator) -> None:
     """Move and draw the particles in place, and add the logarithms of their likelihoods to `logs` (P,)."""
-    a, n_moving = len(laws.B), laws.n_moving
-    p, e = laws.sizes[step]
-    move = laws.F[:n_moving, : _last(laws.F[:n_moving])]
-    H, z = laws.H[step, :p], laws.z[step, :p]
-    measure = _terms(-H[:, :a])
-    correct = _terms(laws.K[step, :, :p])
-    draw = _terms(laws.spread[step, :, :e])
-    expected = z[:, np.newaxis] - H[:, a:] @ cloud.static  # but for the active rows, and per ancestor
+    shift = laws.B[: laws.n_moving, np.newaxis]
+    expected = step.z - step.of_static @ cloud.static  # but for the active rows, and per ancestor
     alone = len(cloud.starts) == len(logs)
-    normals = rng.standard_normal((e, len(logs)))
+    normals = rng.standard_normal((step.n_draws, len(logs)))
     for rows in _blocks(len(logs)):
         x = cloud.x[:, rows]
-        x[:n_moving] = move @ x[: move.shape[1]] + laws.B[:n_moving, np.newaxis]
+        x[: len(shift)] = step.move @ x[: step.move.shape[1]] + shift
         if laws.draw_first:
-            _add(x, draw, normals[:, rows])
+            _add(x, step.draw, normals[:, rows])
         y = expected[:, rows].copy() if alone else expected.take(cloud.group[rows], axis=1)
-        _add(y, measure, x)
-        logs[rows] += laws.constants[step] - np.einsum("ij,ij->j", y, y) / 2
-        _add(x, correct, y)
+        _add(y, step.measure, x)
+        logs[rows] += step.constant - np.einsum("ij,ij->j", y, y) / 2
+        _add(x, step.correct, y)
         if not laws.draw_first:
-            _add(x, draw, normals[:, rows])
+            _add(x, step.draw, normals[:, rows])
 
 
 def _blocks(n_particles: int) -> Sequence[slice]:
@@ -169,11 +215,6 @@ def _padded(n_rows: int, n_columns: int) -> Array:
     """Return room for rows whose distance is no multiple of 512 doubles."""
     width = n_columns + (PAD if n_columns % 512 < PAD else 0)
     return np.zeros((n_rows, width))[:, :n_columns]
-
-
-def _last(matrix: Array) -> int:
-    """Return how many columns there are up to the last that is not zero."""
-    return int(np.flatnonzero(matrix.any(axis=0))[-1]) + 1 if matrix.any() else 0
 
 
 def _terms(matrix: Array) -> list[Term]:
