@@ -43,6 +43,12 @@ def test_each_file_is_named_in_order_with_a_title_and_its_words(written):
     assert told == [(i, 6) for i in range(1, 7)]
 
 
+def test_processes_draw_the_same(written, tmp_path):
+    folder, result, given, _ = written
+    assert pictures.write_comparison(tmp_path, result, reference(1), lambda done, total: None, jobs=2) == given
+    assert everything_in(tmp_path) == everything_in(folder)
+
+
 def test_titles_say_over_how_many_runs_and_data_sets(written):
     titles = {picture.file: picture.title for picture in written[2]}
     for file in ("gap.png", "cost.png"):

@@ -84,7 +84,7 @@ def compare(
         if out is not None and unfinished is not None:
             try:
                 with output.result_folder(out) as folder:
-                    _write(folder, comparison, sources, config, moments=asked["moments"])
+                    _write(folder, comparison, sources, config, moments=asked["moments"], jobs=jobs)
             except KeyboardInterrupt:
                 kept = f"all {len(comparison.records)} runs are finished and kept in {unfinished.folder}"
                 raise output.Stopped(f"stopped; {kept}; --resume writes the result.") from None
@@ -194,7 +194,13 @@ def _run(
 
 
 def _write(
-    folder: Path, comparison: "Comparison", sources: "list[Experiment]", config: dict[str, Any], *, moments: bool
+    folder: Path,
+    comparison: "Comparison",
+    sources: "list[Experiment]",
+    config: dict[str, Any],
+    *,
+    moments: bool,
+    jobs: int,
 ) -> None:
     """Write tables, figures, data and configuration."""
     from lab.cli import output, pictures
@@ -211,6 +217,8 @@ def _write(
     for i, source in enumerate(sources):
         source.save(folder / ("experiment.npz" if len(sources) == 1 else f"experiment-{i}.npz"))
     with progress_bar("drawing", 1) as advance:
-        figures = pictures.write_comparison(folder, comparison, sources[0], lambda _, total: advance(1 / total))
+        figures = pictures.write_comparison(
+            folder, comparison, sources[0], lambda _, total: advance(1 / total), jobs=jobs
+        )
     write_report(folder / "report.html", comparison, figures, config, findings(comparison))
     output.write_config(folder, config)

@@ -2,13 +2,16 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from lab import plots
+from lab import execution, plots
 from lab.cli import captions
 from lab.cli.captions import Picture
 from lab.comparison import Comparison
+from lab.execution import Execute
 from lab.plots.comparison import ess_grid
 from lab.plots.corridors import MOST_LANDMARKS
 from lab.plots.loop_closure import kept, loop_closure
@@ -17,11 +20,17 @@ from lab.problem import Experiment
 from lab.result import Filtered
 from lab.validation import Array
 
+Group = str | tuple[str, str]
 LONGEST = 60  # characters of a label in a file's name
 
 
 def write_comparison(
-    folder: Path, comparison: Comparison, experiment: Experiment, on_done: Callable[[int, int], None]
+    folder: Path,
+    comparison: Comparison,
+    experiment: Experiment,
+    on_done: Callable[[int, int], None],
+    *,
+    jobs: int = 1,
 ) -> list[Picture]:
     """Write the figures of a comparison, and for each solver those of its first good run kept, with the largest N.
 
@@ -34,26 +43,42 @@ def write_comparison(
         The first data set's, for the truth.
     on_done : function of int and int
         Told after each figure, or group of figures, how many of how many are there.
+    jobs : int
+        Processes that draw; -1 for one per processor, 1 for none beside this one.
 
     Returns
     -------
     list of Picture
         Name, title and description of each file, in the order in which a report shows them.
     """
-    solvers = comparison.solvers
-    steps = 4 + len(solvers)
-    pictures = []
-    for i, write in enumerate((_write_gap, _write_cost, _write_evidence, _write_ess)):
-        pictures.append(write(folder, comparison))
-        on_done(1 + i, steps)
-    for i, (solver, suffix) in enumerate(_suffixes(solvers).items()):
-        record = kept(comparison, solver)
-        if record:
-            pictures.append(_write_closure(folder, suffix, comparison, solver))
-            label, exact = record_in_words(comparison, record), comparison.exacts[0]
-            pictures += write_estimate(folder, suffix, record.filtered, exact, experiment, label)
-        on_done(5 + i, steps)
-    return pictures
+    drawing = _Drawing(folder, comparison, experiment)
+    groups: list[Group] = [*_GENERAL, *_suffixes(comparison.solvers).items()]
+    run: Execute = execution.here if jobs == 1 else partial(execution.processes, jobs=jobs)
+    written: dict[Group, list[Picture]] = {}
+    for group, pictures in run(drawing, groups[::-1], lambda group, _: drawing(group)):
+        written[group] = pictures
+        on_done(len(written), len(groups))
+    return [picture for group in groups for picture in written[group]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawing:
+    """Writes a group of figures: a general one, or those of a solver, given as label and end of the files' names."""
+
+    folder: Path
+    comparison: Comparison
+    experiment: Experiment
+
+    def __call__(self, group: Group) -> tuple[Group, list[Picture]]:
+        if isinstance(group, str):
+            return group, [_GENERAL[group](self.folder, self.comparison)]
+        solver, suffix = group
+        record = kept(self.comparison, solver)
+        if record is None:
+            return group, []
+        closure = _write_closure(self.folder, suffix, self.comparison, solver)
+        label, exact = record_in_words(self.comparison, record), self.comparison.exacts[0]
+        return group, [closure, *write_estimate(self.folder, suffix, record.filtered, exact, self.experiment, label)]
 
 
 def _write_gap(folder: Path, comparison: Comparison) -> Picture:
@@ -88,6 +113,9 @@ def _write_ess(folder: Path, comparison: Comparison) -> Picture:
     figure = new_figure(1 + max(3.0 * width, 5), 0.8 + 5.4 * rows)
     plots.draw_ess(figure, comparison)
     return _saved(figure, folder, captions.ess(comparison, "ess.png"))
+
+
+_GENERAL = {"gap": _write_gap, "cost": _write_cost, "evidence": _write_evidence, "ess": _write_ess}
 
 
 def _write_closure(folder: Path, suffix: str, comparison: Comparison, solver: str) -> Picture:

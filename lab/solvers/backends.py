@@ -2,8 +2,8 @@
 
 Question answered: which of the two does ``backend="auto"`` mean?  Compiled from N = 100 on, where numba is installed:
 there a run takes a tenth of the time, and a few dozen runs make up for importing numba.  The choice depends on N alone,
-so that no result depends on what else is computed.  The same seed gives the same numbers with the same backend, and others, equal
-in distribution, with another.  Called by the particle filters and by the command line.
+so that no result depends on what else is computed.  The same seed gives the same numbers with the same backend, and
+others, equal in distribution, with another.  Called by the particle filters and by the command line.
 """
 
 from collections.abc import Callable
