@@ -10,7 +10,7 @@ endif
 # Packages of another tool (ROS sets PYTHONPATH) would shadow the pinned ones.
 unexport PYTHONPATH PYTHONHOME
 
-.PHONY: help compare lab solutions test test-all bank check venv clean
+.PHONY: help compare lab solutions test test-all bank benchmark check venv clean
 
 help: ## list the targets
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "make %-9s %s\n", $$1, $$2 }' Makefile
@@ -35,6 +35,11 @@ test-all: venv ## the test suite with what takes longer
 
 bank: venv ## right and wrong answers through the checks, and their false alarms: about an hour on 2 idle cores
 	$(PY) tests/bank.py $(ARGS)
+
+benchmark: venv ## every filter against its peers: builds their environments, half an hour on an idle machine
+	-$(PY) benchmarks/environments.py
+	for script in particle_peers exact_filters accuracy growth particle_limit ekfslam_step; do \
+	    $(PY) benchmarks/$$script.py || exit 1; done
 
 check: venv ## lint, formatting and types
 	$(PY) -m ruff check .
