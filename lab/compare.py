@@ -2,7 +2,8 @@
 
 Question answered: how far are the particle moments from the exact moments, for how many particles?  One unit is one
 run of one solver with one N on one data set, with a seed of its own that depends on nothing else; so neither the
-order of units, nor the number of workers, nor what else is compared changes a number.  Metrics: `lab.metrics`.
+order of units, nor the number of workers, nor what else is compared changes a number.  Runs with few particles are
+computed together, a batch a call.  Metrics: `lab.metrics`.
 
     compare(problem, {"sir": sir, "mine": my_filter}, n_particles=[100, 1000], runs=20).summary()
 
@@ -18,6 +19,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -31,9 +33,12 @@ from lab.progress import progress_bar
 from lab.result import Filtered
 from lab.solvers import Solver, check_filtered, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
+from lab.solvers.together import together
 from lab.validation import InputError, whole_number
 
 SEED_BITS = 48  # a seed is written to CSV, and spreadsheets keep 15 digits
+Batch = tuple[Unit, ...]  # of one solver, N and data set
+TOGETHER = 10  # runs in one call, where that pays
 OVERHEAD = 1000  # particles: a run costs about as much as this many more
 
 
@@ -100,12 +105,13 @@ def compare(
         if progress:
             advance = stack.enter_context(progress_bar("comparing", sum(u.n_particles + OVERHEAD for u in units)))
         # long ones first: workers end together
-        for record in execute(work, sorted(units, key=lambda unit: -unit.n_particles), _lost):
-            done[record.unit] = record
-            if progress:
-                advance(record.unit.n_particles + OVERHEAD)
-            if on_done:
-                on_done(record)
+        for records in execute(work, sorted(batches(units, solvers), key=lambda batch: -batch[0].n_particles), _lost):
+            for record in records:
+                done[record.unit] = record
+                if progress:
+                    advance(record.unit.n_particles + OVERHEAD)
+                if on_done:
+                    on_done(record)
     return Comparison(problems, exacts, tuple(done[unit] for unit in units), designs(solvers))
 
 
@@ -133,6 +139,16 @@ def plan(
         for size in sizes
         for run in range(runs)
     ]
+
+
+def batches(units: Sequence[Unit], solvers: Mapping[str, Solver]) -> list[Batch]:
+    """Return the units in groups to be run together; which group one is in depends on solver, N, data set and run."""
+    found: dict[Any, list[Unit]] = {}
+    for unit in units:
+        several = together(solvers[unit.solver], unit.n_particles) is not None
+        key = (unit.data_set, unit.solver, unit.n_particles, unit.run // TOGETHER if several else -1 - unit.run)
+        found.setdefault(key, []).append(unit)
+    return [tuple(batch) for batch in found.values()]
 
 
 def unit_seed(seed: int, solver: str, n_particles: int, run: int, data_set: int = 0) -> int:
@@ -190,30 +206,51 @@ class Work:
     solvers: Mapping[str, Solver]
     keep_moments: bool = False
 
-    def only(self, unit: Unit) -> "Work":
-        """Return what one unit needs, for a cluster, to which it is sent with each."""
-        keep = unit.data_set
+    def only(self, batch: Batch) -> "Work":
+        """Return what one batch needs, for a cluster, to which it is sent with each."""
+        keep, label = batch[0].data_set, batch[0].solver
         problems = tuple(each if i == keep else None for i, each in enumerate(self.problems))
         exacts = tuple(each if i == keep else None for i, each in enumerate(self.exacts))
-        solvers = {unit.solver: self.solvers[unit.solver]}
-        return Work(problems, exacts, solvers, self.keep_moments)  # type: ignore[arg-type]
+        return Work(problems, exacts, {label: self.solvers[label]}, self.keep_moments)  # type: ignore[arg-type]
 
-    def __call__(self, unit: Unit) -> Record:
-        """Run one unit and measure it; whatever the solver raises becomes the record's error."""
-        problem, exact = self.problems[unit.data_set], self.exacts[unit.data_set]
+    def __call__(self, batch: Batch) -> list[Record]:
+        """Run a batch and measure each unit; whatever the solver raises becomes the record's error."""
+        if len(batch) > 1:
+            try:
+                return self._together(batch)
+            except Exception:  # whose it is shows when each runs by itself
+                pass
+        return [self._alone(unit) for unit in batch]
+
+    def _together(self, batch: Batch) -> list[Record]:
+        first = batch[0]
+        run = together(self.solvers[first.solver], first.n_particles)
+        if run is None:
+            raise InputError("This solver runs alone.")
+        with _threadpools().limit(limits=1):
+            rngs = [np.random.default_rng(unit.seed) for unit in batch]
+            start = time.perf_counter()
+            answers = run(self.problems[first.data_set], rngs)
+            seconds = (time.perf_counter() - start) / len(batch)
+        return [self._record(unit, answer, seconds) for unit, answer in zip(batch, answers, strict=True)]
+
+    def _alone(self, unit: Unit) -> Record:
+        problem = self.problems[unit.data_set]
         try:
             with _threadpools().limit(limits=1):  # BLAS threads reorder sums: a last digit can flip a resampling
                 rng = np.random.default_rng(unit.seed)
                 start = time.perf_counter()
                 answer = self.solvers[unit.solver](problem, rng, n_particles=unit.n_particles)
                 seconds = time.perf_counter() - start
-            filtered = check_filtered(answer, problem)
+            return self._record(unit, check_filtered(answer, problem), seconds)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             return Record(unit, Metrics(), error=_described(error))
+
+    def _record(self, unit: Unit, filtered: Filtered, seconds: float) -> Record:
         keep = self.keep_moments or unit.run == unit.data_set == 0
-        metrics = measure(filtered, exact, unit.n_particles, seconds)
+        metrics = measure(filtered, self.exacts[unit.data_set], unit.n_particles, seconds)
         return Record(unit, metrics, filtered.ess, filtered.survivors, filtered if keep else None)
 
 
@@ -234,8 +271,8 @@ def _data_sets(given: Problem | Sequence[Problem]) -> tuple[Problem, ...]:
     return problems
 
 
-def _lost(unit: Unit, reason: str) -> Record:
-    return Record(unit, Metrics(), error=reason, died=True)
+def _lost(batch: Batch, reason: str) -> list[Record]:
+    return [Record(unit, Metrics(), error=reason, died=True) for unit in batch]
 
 
 def _described(error: BaseException) -> str:

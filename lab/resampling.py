@@ -44,14 +44,12 @@ def systematic(weights: Array, rng: np.random.Generator) -> Ancestors:
     InputError
         Weights negative, NaN, infinite or all zero.
     """
-    n = len(weights)
-    return _inverse_of_strata((np.arange(n) + rng.random()) / n, _normalised(weights))
+    return np.asarray(of_strata(_normalised(weights)[np.newaxis], np.array([[rng.random()]]))[0])
 
 
 def stratified(weights: Array, rng: np.random.Generator) -> Ancestors:
     """Resample with one uniform number per stratum; arguments, result and errors as `systematic`."""
-    n = len(weights)
-    return _inverse_of_strata((np.arange(n) + rng.random(n)) / n, _normalised(weights))
+    return np.asarray(of_strata(_normalised(weights)[np.newaxis], rng.random(len(weights))[np.newaxis])[0])
 
 
 def multinomial(weights: Array, rng: np.random.Generator) -> Ancestors:
@@ -108,27 +106,44 @@ def _inverse(points: Array, weights: Array) -> Ancestors:
     return np.searchsorted(_cumulative(weights), points, side="right")
 
 
-def _inverse_of_strata(points: Array, weights: Array) -> Ancestors:
-    """Return what `_inverse` does for one point in each of the intervals [j / N, (j + 1) / N], without a search.
+def of_strata(weights: Array, shifts: Array) -> Ancestors:
+    """Resample several clouds of N particles at once, each at one point in each of the intervals [j / N, (j + 1) / N].
 
-    Of the points below c, all but one follow from the whole part of N c; the marks that they leave are summed. Where
-    N c is too near a whole number to tell, the search decides.
+    What `_inverse` finds by a search is counted here: of the points below c, all but one follow from the whole part of
+    N c, and the marks that they leave are summed. Where N c is too near a whole number to tell, the search decides.
+
+    Parameters
+    ----------
+    weights : (runs, N) array
+        Normalised.
+    shifts : (runs, N) or (runs, 1) array
+        Where in its interval each point lies, from 0 to 1.
+
+    Returns
+    -------
+    (runs, N) array of int
+        Ancestors, each row in ascending order.
     """
-    n = len(points)
+    runs, n = weights.shape
+    points = (np.arange(n) + shifts) / n
     cumulative = _cumulative(weights)
-    cumulative = cumulative[: np.searchsorted(cumulative, np.inf)]
-    scaled = cumulative * n
+    scaled = np.minimum(cumulative * n, n)
     whole = np.minimum(scaled.astype(np.intp), n - 1)
-    below = whole + (points[whole] < cumulative)
-    scaled -= np.rint(scaled)
-    unsure = np.flatnonzero(np.abs(scaled, out=scaled) < UNSURE)
-    below[unsure] = np.searchsorted(points, cumulative[unsure])
-    return np.cumsum(np.bincount(below, minlength=n)[:n])
+    below = whole + (np.take_along_axis(points, whole, axis=1) < cumulative)
+    unsure = (np.abs(scaled - np.rint(scaled)) < UNSURE) & (scaled < n)
+    for run in np.flatnonzero(unsure.any(axis=1)):
+        where = np.flatnonzero(unsure[run])
+        below[run, where] = np.searchsorted(points[run], cumulative[run, where])
+    below += (n + 1) * np.arange(runs)[:, np.newaxis]
+    marks = np.bincount(below.ravel(), minlength=runs * (n + 1)).reshape(runs, n + 1)
+    return np.asarray(np.cumsum(marks[:, :n], axis=1))
 
 
 def _cumulative(weights: Array) -> Array:
-    """Return the cumulative sum relative to its end, infinite from the last positive weight on."""
-    cumulative = np.cumsum(weights)
-    cumulative /= cumulative[-1]
-    cumulative[len(weights) - 1 - np.argmax(weights[::-1] > 0) :] = np.inf
+    """Return the cumulative sum of rows relative to its end, infinite from the last positive weight on."""
+    cumulative = np.cumsum(weights, axis=-1)
+    cumulative /= cumulative[..., -1:]
+    n = weights.shape[-1]
+    last = n - 1 - np.argmax(weights[..., ::-1] > 0, axis=-1)
+    cumulative[np.arange(n) >= last[..., np.newaxis]] = np.inf
     return cumulative

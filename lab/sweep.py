@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lab.compare import Batch
 from lab.comparison import Comparison, Record, Unit
 from lab.execution import Execute
 from lab.metrics import Metrics
@@ -154,13 +155,15 @@ def resumable(execute: Execute, unfinished: Unfinished) -> Execute:
     """
 
     def run(
-        function: Callable[[Unit], Record], items: Sequence[Unit], lost: Callable[[Unit, str], Record]
-    ) -> Iterator[Record]:
+        function: Callable[[Batch], list[Record]], items: Sequence[Batch], lost: Callable[[Batch, str], list[Record]]
+    ) -> Iterator[list[Record]]:
         known = unfinished.finished()
-        yield from (known[unit] for unit in items if unit in known)
-        for record in execute(function, [unit for unit in items if unit not in known], lost):
-            unfinished.keep(record)
-            yield record
+        yield [known[unit] for batch in items for unit in batch if unit in known]
+        left = [tuple(unit for unit in batch if unit not in known) for batch in items]
+        for records in execute(function, [batch for batch in left if batch], lost):
+            for record in records:
+                unfinished.keep(record)
+            yield records
 
     return run  # type: ignore[return-value]
 

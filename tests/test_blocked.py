@@ -5,21 +5,21 @@ import pytest
 from test_proposals import PROPOSALS, coupled, cut, lost, mixed
 from worlds import WORLDS, problem
 
-from lab import resampling
 from lab.resampling import RESAMPLERS
 from lab.result import collect
 from lab.solvers import blocked, particle, particle_steps, sir
-from lab.solvers.blocked import BLOCK
+from lab.solvers.blocked import BLOCK, FEW
 from lab.solvers.proposals import prior
+from lab.solvers.together import FEWEST
 from lab.validation import InputError
 
 TWIN_WORLDS = WORLDS | {"coupled": coupled, "mixed": lambda: cut(mixed(), 8), "one instant": lambda: cut(problem(), 1)}
 
 
 def both(problem, proposal, seed, scheme="systematic", **options):
-    options["proposal"] = proposal
-    fast = blocked.run(problem, np.random.default_rng(seed), scheme=resampling.resolve(scheme), **options)
-    return fast, collect(particle_steps(problem, np.random.default_rng(seed), resample=scheme, **options))
+    options |= {"proposal": proposal, "resample": scheme}
+    (fast,) = blocked.run(problem, [np.random.default_rng(seed)], **options)
+    return fast, collect(particle_steps(problem, np.random.default_rng(seed), **options))
 
 
 def assert_same(fast, readable):
@@ -54,18 +54,31 @@ def test_twin_over_blocks(n_particles, name):
 def test_landmarks_are_kept_once_for_each_ancestor():
     """Static rows shrink with the survivors, whose places in the cloud they give."""
     laws = blocked.plan(cut(problem(), 12), prior)
-    cloud = blocked._Cloud(laws, 50, np.random.default_rng(0))
+    cloud = blocked._Cloud(laws, 50, [np.random.default_rng(0)])
     before, places = cloud.static, np.sort(np.random.default_rng(1).integers(0, 50, 50))
     cloud.resample(places)
     assert cloud.static.shape[1] == len(cloud.starts) == len(np.unique(places)) < 50
     np.testing.assert_array_equal(cloud.static[:, cloud.group], before[:, places])
 
 
+@pytest.mark.parametrize("n_particles", [FEWEST, 7, 100, FEW])
+@pytest.mark.parametrize("name", PROPOSALS)
+def test_runs_together_have_the_numbers_of_runs_alone(n_particles, name):
+    """To the last digit: nothing may depend on which runs share a call."""
+    world, options = cut(problem(), 15), {"proposal": PROPOSALS[name], "n_particles": n_particles}
+    for options["resample"], options["ess_threshold"] in (("systematic", 0.5), ("stratified", 0.9)):
+        together = blocked.run(world, [np.random.default_rng(s) for s in range(10)], **options)
+        for seed, answer in enumerate(together):
+            (alone,) = blocked.run(world, [np.random.default_rng(seed)], **options)
+            for one, other in zip(vars(alone).values(), vars(answer).values(), strict=True):
+                np.testing.assert_array_equal(one, other)
+
+
 @pytest.mark.parametrize("scheme", RESAMPLERS)
 def test_who_runs_a_scheme(scheme, monkeypatch):
     """Schemes whose ancestors ascend go the fast way, others and functions through the readable loop."""
     went = []
-    monkeypatch.setattr(particle.blocked, "run", lambda *args, **options: went.append("fast"))
+    monkeypatch.setattr(particle.blocked, "run", lambda *args, **options: [went.append("fast")])
     monkeypatch.setattr(particle, "collect", lambda steps: went.append("readable"))
     for resample in (scheme, RESAMPLERS[scheme]):
         sir(problem(), np.random.default_rng(0), n_particles=5, resample=resample)

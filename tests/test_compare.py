@@ -204,9 +204,9 @@ def test_what_cannot_be_sent_to_a_worker_is_said(world):
 def test_a_unit_travels_with_its_own_data_set_only(world):
     work = Work((world, world), (kalman(world), kalman(world)), {"sis": sis, "sir": sir})
     unit = Unit("sir", 10, 0, 3, data_set=1)
-    own = work.only(unit)
+    own = work.only((unit,))
     assert (own.problems[0], own.exacts[0], {*own.solvers}) == (None, None, {"sir"})
-    assert own(unit).metrics.mean_gap == work(unit).metrics.mean_gap
+    assert own((unit,))[0].metrics.mean_gap == work((unit,))[0].metrics.mean_gap
 
 
 def test_when_every_run_fails_the_row_is_there_and_empty(world):
@@ -411,6 +411,6 @@ def test_a_unit_limits_blas_to_one_thread(world):
         seen.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
         return kalman(problem)
 
-    Work((world,), (kalman(world),), {"spy": spy})(Unit("spy", 1, 0, 0))
+    Work((world,), (kalman(world),), {"spy": spy})((Unit("spy", 1, 0, 0),))
     assert seen
     assert set(seen) == {1}

@@ -26,23 +26,25 @@ class Constant:
         return self.value if size is None else np.full(size, self.value)
 
 
+def searched(weights, shifts):
+    points = (np.arange(len(weights)) + shifts) / len(weights)
+    return resampling._inverse(points, weights)
+
+
 @given(weights=WEIGHTS, shift=st.one_of(st.sampled_from([0.0, LARGEST, 0.5]), st.floats(0, 1)), own=st.booleans())
 def test_points_of_strata_need_no_search(weights, shift, own):
     """Counting gives what the search gives, for points on the edges of their strata, too."""
-    n = len(weights)
-    shifts = np.roll(np.linspace(0, LARGEST, n), 3) if own else shift
-    points = (np.arange(n) + shifts) / n
-    np.testing.assert_array_equal(resampling._inverse_of_strata(points, weights), resampling._inverse(points, weights))
+    shifts = np.roll(np.linspace(0, LARGEST, len(weights)), 3) if own else np.array([shift])
+    np.testing.assert_array_equal(resampling.of_strata(weights[None], shifts[None])[0], searched(weights, shifts))
 
 
 @pytest.mark.parametrize("n", [7, 1000, 100_000])
-def test_many_points_need_no_search(n):
+def test_many_points_of_several_clouds_need_no_search(n):
     rng = np.random.default_rng(n)
-    for weights in (rng.gamma(0.1, size=n), rng.gamma(30, size=n), np.ones(n), (rng.random(n) < 0.3) * 1.0):
-        points = (np.arange(n) + rng.random(n)) / n
-        np.testing.assert_array_equal(
-            resampling._inverse_of_strata(points, weights), resampling._inverse(points, weights)
-        )
+    weights = np.stack([rng.gamma(0.1, size=n), rng.gamma(30, size=n), np.ones(n), (rng.random(n) < 0.3) + 0.0])
+    shifts = rng.random((4, n))
+    expected = [searched(*each) for each in zip(weights, shifts, strict=True)]
+    np.testing.assert_array_equal(resampling.of_strata(weights, shifts), expected)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

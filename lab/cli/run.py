@@ -102,7 +102,7 @@ def _filter(
         return None, exact, [f"log-evidence {exact.log_evidence[-1]:.4f} (exact)"]
     (label,) = prepared
     unit = Unit(label, n_particles, repetition, unit_seed(seed, label, n_particles, repetition))
-    record = Work((source.problem,), (exact,), prepared, keep_moments=True)(unit)
+    (record,) = Work((source.problem,), (exact,), prepared, keep_moments=True)((unit,))
     if record.filtered is None:
         raise RunError(f"{label}, N = {n_particles}, run {repetition}, seed {unit.seed} failed: {record.error}")
     lines = [

@@ -8,11 +8,14 @@ Here
     in place    nobody keeps the cloud of the step before
     genealogy   static rows of the state (see `lab.solvers.plan`) are kept once per living ancestor of time 0; its
                 descendants stay neighbours, so their weights are added by segments
+    together    several runs with few particles are one long cloud to all steps but resampling and moments, each with
+                its own generator: what numpy costs per call is shared
 
 For schemes whose ancestors come in ascending order.  Called by `lab.solvers.particle`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -20,12 +23,14 @@ import numpy as np
 
 from lab import weights
 from lab.problem import Problem
-from lab.resampling import Resampler
+from lab.resampling import of_strata
 from lab.result import Filtered
 from lab.solvers.plan import Plan, plan
 from lab.solvers.proposals import GaussianProposal
 from lab.validation import Array, InputError
 
+ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
+FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
 BLOCK = 4000  # particles; no power of two, since rows at such distances would share places in the cache
 PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
@@ -62,29 +67,40 @@ _prepared: WeakKeyDictionary[Plan, list[_Step]] = WeakKeyDictionary()  # plans n
 
 
 class _Cloud:
-    """Particles and their ancestors of time 0.
+    """The particles of all runs, one run after the other, and their ancestors of time 0.
 
     Attributes
     ----------
-    x : (a, P) array
+    x : (a, runs P) array
         Active rows.
     static : (s, G) array
         The other rows, once for each living ancestor.
-    group : (P,) array of int
+    product : function
+        Of two matrices, the second with a column for each particle or ancestor.
+    group : (runs P,) array of int
         Of each particle, its ancestor's column of `static`; ascending.
     starts : (G,) array of int
         The first particle of each group.
     """
 
-    def __init__(self, laws: Plan, n_particles: int, rng: np.random.Generator) -> None:
-        a = len(laws.B)
-        self.x, self._other = _padded(a, n_particles), _padded(a, n_particles)
-        normals = rng.standard_normal((laws.spread_0.shape[1], n_particles))
-        for rows in _blocks(n_particles):
-            np.matmul(laws.spread_0[:a], normals[:, rows], out=self.x[:, rows])
+    def __init__(self, laws: Plan, n_particles: int, rngs: Sequence[np.random.Generator]) -> None:
+        a, n_columns = len(laws.B), n_particles * len(rngs)
+        self.x, self._other = _padded(a, n_columns), _padded(a, n_columns)
+        normals = _normals(laws.spread_0.shape[1], n_particles, rngs)
+        # BLAS computes columns in groups, and a last digit may depend on a column's place
+        self.product: Callable[[Array, Array], Array] = (
+            partial(np.einsum, "ij,jk->ik") if n_particles <= FEW else np.dot
+        )
+        for rows in _blocks(n_columns):
+            self.x[:, rows] = self.product(laws.spread_0[:a], normals[:, rows])
         self.x += laws.m0[:a, np.newaxis]
-        self.static = laws.m0[a:, np.newaxis] + laws.spread_0[a:] @ normals
-        self.group = self.starts = np.arange(n_particles)
+        self.static = laws.m0[a:, np.newaxis] + self.product(laws.spread_0[a:], normals)
+        self.group = self.starts = np.arange(n_columns)
+
+    @property
+    def alone(self) -> bool:
+        """Whether every particle is the only descendant of its ancestor."""
+        return len(self.starts) == len(self.group)
 
     def resample(self, ancestors: Any) -> None:
         """Replace the particles by their ancestors, given in ascending order."""
@@ -101,69 +117,110 @@ class _Cloud:
         np.cumsum(self.group, out=self.group)
 
     def moments(self, w: Array) -> tuple[Array, Array]:
-        """Return mean (n,) and covariance (n, n) of the particles with weights w (P,)."""
-        rows = (self.x, self.static)
-        if len(self.starts) == len(w) or not len(self.static):
-            mean = np.concatenate([part @ w for part in rows if len(part)])
-            return mean, _scatter([part for part in rows if len(part)], mean, w)
-        a, n = len(self.x), len(self.x) + len(self.static)
-        mean, cov, shares = np.empty(n), np.empty((n, n)), np.add.reduceat(w, self.starts)
-        mean[:a], mean[a:] = self.x @ w, self.static @ shares
-        cov[:a, :a] = _scatter([self.x], mean[:a], w)
-        apart = self.static - mean[a:, np.newaxis]
-        cov[a:, a:] = _scatter([self.static], mean[a:], shares)
-        sums = np.stack(
-            [np.add.reduceat(row * w, self.starts) - m * shares for row, m in zip(self.x, mean, strict=False)]
-        )
-        cov[:a, a:] = sums @ apart.T
+        """Return means (runs, n) and covariances (runs, n, n) of the particles with weights w (runs, P)."""
+        runs, P = w.shape
+        if P <= FEW:
+            static = self.static if self.alone else self.static.take(self.group, axis=1)
+            x = np.concatenate([self.x, static]).reshape(-1, runs, P).transpose(1, 0, 2).copy()
+            means = (x @ w[:, :, np.newaxis])[:, :, 0]
+            x -= means[:, :, np.newaxis]
+            x *= np.sqrt(w)[:, np.newaxis]
+            return means, x @ x.transpose(0, 2, 1)
+        each = [self._large_moments(w[run], slice(run * P, (run + 1) * P)) for run in range(runs)]
+        return np.array([mean for mean, _ in each]), np.array([cov for _, cov in each])
+
+    def _large_moments(self, w: Array, particles: slice) -> tuple[Array, Array]:
+        first, end = (int(place) for place in np.searchsorted(self.starts, (particles.start, particles.stop)))
+        starts, static, x = self.starts[first:end] - particles.start, self.static[:, first:end], self.x[:, particles]
+        if len(starts) == len(w) or not len(static):
+            parts = [part for part in (x, static) if len(part)]
+            mean = np.concatenate([part @ w for part in parts])
+            return mean, _scatter(parts, mean, w)
+        a, n = len(x), len(x) + len(static)
+        mean, cov, shares = np.empty(n), np.empty((n, n)), np.add.reduceat(w, starts)
+        mean[:a], mean[a:] = x @ w, static @ shares
+        cov[:a, :a] = _scatter([x], mean[:a], w)
+        cov[a:, a:] = _scatter([static], mean[a:], shares)
+        sums = [np.add.reduceat(row * w, starts) - m * shares for row, m in zip(x, mean, strict=False)]
+        cov[:a, a:] = np.stack(sums) @ (static - mean[a:, np.newaxis]).T
         cov[a:, :a] = cov[:a, a:].T
         return mean, cov
+
+    def survivors(self, runs: int) -> Any:
+        """Return how many ancestors of time 0 each run has left."""
+        return np.bincount(self.starts * runs // len(self.group), minlength=runs)
 
 
 def run(
     problem: Problem,
-    rng: np.random.Generator,
+    rngs: Sequence[np.random.Generator],
     *,
     proposal: GaussianProposal,
     n_particles: int,
     ess_threshold: float,
-    scheme: Resampler,
-) -> Filtered:
-    """Run a filter of `lab.solvers.particle`; arguments as there, checked already.
+    resample: str,
+) -> list[Filtered]:
+    """Run a filter of `lab.solvers.particle` once for each generator; arguments as there, checked already.
+
+    Returns
+    -------
+    list of Filtered
+        The numbers of each do not depend on the others.
 
     Raises
     ------
     InputError
-        Every weight is zero at some k, which is named, or a particle is not finite.
+        In one of the runs every weight is zero at some k, which is named, or a particle is not finite.
     """
-    laws = plan(problem, proposal)
-    steps = _steps(laws)
-    N, n = problem.n_instants, len(laws.m0)
-    means, covs = np.empty((N, n)), np.empty((N, n, n))
-    log_evidence, ess = np.zeros(N), np.empty(N)
-    survivors: Any = np.empty(N, dtype=np.int64)
-    cloud = _Cloud(laws, n_particles, rng)
-    even = np.full(n_particles, 1 / n_particles)
-    w, logs = even, np.log(even)
+    laws, runs, P = plan(problem, proposal), len(rngs), n_particles
+    steps, N, n = _steps(laws), problem.n_instants, len(laws.m0)
+    means, covs = np.empty((N, runs, n)), np.empty((N, runs, n, n))
+    log_evidence, ess = np.zeros((N, runs)), np.empty((N, runs))
+    survivors: Any = np.empty((N, runs), dtype=np.int64)
+    cloud = _Cloud(laws, P, rngs)
+    w, even = np.full((runs, P), 1 / P), np.log(1 / P)
+    logs = np.full((runs, P), even)
     for k in range(N):
         if k:
-            if ess[k - 1] <= ess_threshold * n_particles * (1 + ROUNDING):
-                cloud.resample(scheme(w, rng))
-                logs = np.log(even)
-            _make(steps[k - 1], cloud, laws, logs, rng)
-            try:
-                w, log_total = weights.normalise(logs)
-            except InputError as error:
-                raise InputError(f"At k = {k}: {error}") from None
-            logs -= log_total
-            log_evidence[k] = log_evidence[k - 1] + log_total
+            tired: Any = np.flatnonzero(ess[k - 1] <= ess_threshold * P * (1 + ROUNDING))
+            if len(tired):
+                ancestors = np.arange(runs * P).reshape(runs, P)
+                shifts = [rngs[i].random(P if resample == "stratified" else 1) for i in tired]
+                totals = w[tired].sum(axis=1, keepdims=True)
+                ancestors[tired] = of_strata(w[tired] / totals, np.array(shifts)) + P * tired[:, np.newaxis]
+                cloud.resample(ancestors.ravel())
+                logs[tired] = even
+            _make(steps[k - 1], cloud, laws, logs.ravel(), _normals(steps[k - 1].n_draws, P, rngs))
+            w, log_totals = _normalised(logs, k)
+            logs -= log_totals[:, np.newaxis]
+            log_evidence[k] = log_evidence[k - 1] + log_totals
         means[k], covs[k] = cloud.moments(w)
         if not np.isfinite(means[k]).all():
             raise InputError("A particle is NaN or infinite.")
-        ess[k], survivors[k] = weights.ess(w), len(cloud.starts)
+        ess[k], survivors[k] = 1 / np.sum(np.square(w), axis=1), cloud.survivors(runs)
     back = np.argsort(laws.order)
-    covs += laws.extra
-    return Filtered(means[:, back], covs[:, back][:, :, back], log_evidence, ess, survivors)
+    covs += laws.extra[:, np.newaxis]
+    means, covs = means[..., back], covs[..., back][..., back, :]
+    return [Filtered(means[:, i], covs[:, i], log_evidence[:, i], ess[:, i], survivors[:, i]) for i in range(runs)]
+
+
+def _normalised(logs: Array, k: int) -> tuple[Array, Array]:
+    """Return what `lab.weights.normalise` returns for each row."""
+    largest = logs.max(axis=1)
+    if not np.isfinite(largest).all():
+        try:
+            weights.normalise(logs[np.flatnonzero(~np.isfinite(largest))[0]])
+        except InputError as error:
+            raise InputError(f"At k = {k}: {error}") from None
+    scaled = np.exp(logs - largest[:, np.newaxis])
+    total = scaled.sum(axis=1)
+    return scaled / total[:, np.newaxis], largest + np.log(total)
+
+
+def _normals(n_rows: int, n_particles: int, rngs: Sequence[np.random.Generator]) -> Array:
+    """Return the draws (n_rows, runs P), those of a run from its own generator."""
+    drawn = [rng.standard_normal((n_rows, n_particles)) for rng in rngs]
+    return drawn[0] if len(drawn) == 1 else np.concatenate(drawn, axis=1)
 
 
 def _steps(laws: Plan) -> list[_Step]:
@@ -188,23 +245,22 @@ def _steps(laws: Plan) -> list[_Step]:
     return _prepared[laws]
 
 
-def _make(step: _Step, cloud: _Cloud, laws: Plan, logs: Array, rng: np.random.Generator) -> None:
-    """Move and draw the particles in place, and add the logarithms of their likelihoods to `logs` (P,)."""
+def _make(step: _Step, cloud: _Cloud, laws: Plan, logs: Array, normals: Array) -> None:
+    """Move and draw the particles in place, and add the logarithms of their likelihoods to `logs` (runs P,)."""
     shift = laws.B[: laws.n_moving, np.newaxis]
-    expected = step.z - step.of_static @ cloud.static  # but for the active rows, and per ancestor
-    alone = len(cloud.starts) == len(logs)
-    normals = rng.standard_normal((step.n_draws, len(logs)))
+    expected = step.z - cloud.product(step.of_static, cloud.static)  # but for the active rows, and per ancestor
+    alone = cloud.alone
     for rows in _blocks(len(logs)):
         x = cloud.x[:, rows]
-        x[: len(shift)] = step.move @ x[: step.move.shape[1]] + shift
+        x[: len(shift)] = cloud.product(step.move, x[: step.move.shape[1]]) + shift
         if laws.draw_first:
-            _add(x, step.draw, normals[:, rows])
+            _add(cloud, x, step.draw, normals[:, rows])
         y = expected[:, rows].copy() if alone else expected.take(cloud.group[rows], axis=1)
-        _add(y, step.measure, x)
+        _add(cloud, y, step.measure, x)
         logs[rows] += step.constant - np.einsum("ij,ij->j", y, y) / 2
-        _add(x, step.correct, y)
+        _add(cloud, x, step.correct, y)
         if not laws.draw_first:
-            _add(x, step.draw, normals[:, rows])
+            _add(cloud, x, step.draw, normals[:, rows])
 
 
 def _blocks(n_particles: int) -> Sequence[slice]:
@@ -229,9 +285,9 @@ def _terms(matrix: Array) -> list[Term]:
     return found
 
 
-def _add(target: Array, terms: Sequence[Term], source: Array) -> None:
+def _add(cloud: _Cloud, target: Array, terms: Sequence[Term], source: Array) -> None:
     for rows, columns, matrix in terms:
-        target[rows] += matrix @ source[columns]
+        target[rows] += cloud.product(matrix, source[columns])
 
 
 def _scatter(parts: Sequence[Array], mean: Array, w: Array) -> Array:

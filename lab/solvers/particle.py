@@ -30,7 +30,6 @@ from lab.validation import Array, InputError, real_array, require_generator, who
 
 GUIDED = {"delayed": delayed, "optimal": optimal}
 RAO_BLACKWELLIZED = {"optimal": rbpf_optimal, "prior": rbpf_prior}
-ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
 ROUNDING = 1e-9  # relative: equal weights may sum to an ESS just above P, and must still trigger at a threshold of 1
 
 
@@ -259,11 +258,10 @@ def _filter(
         n_particles, ess_threshold, _ = _checked_options(problem, rng, n_particles, ess_threshold, resample)
         settings: dict[str, Any] = {"n_particles": n_particles, "ess_threshold": ess_threshold, "resample": resample}
         return compiled.run(problem, rng, proposal=proposal, **settings)
-    if resample in ASCENDING:
-        n_particles, ess_threshold, scheme = _checked_options(problem, rng, n_particles, ess_threshold, resample)
-        return blocked.run(
-            problem, rng, proposal=proposal, n_particles=n_particles, ess_threshold=ess_threshold, scheme=scheme
-        )
+    if resample in blocked.ASCENDING:
+        n_particles, ess_threshold, _ = _checked_options(problem, rng, n_particles, ess_threshold, resample)
+        settings = {"n_particles": n_particles, "ess_threshold": ess_threshold, "resample": resample}
+        return blocked.run(problem, [rng], proposal=proposal, **settings)[0]
     steps = particle_steps(
         problem, rng, proposal=proposal, n_particles=n_particles, ess_threshold=ess_threshold, resample=resample
     )

@@ -1,0 +1,61 @@
+"""Several runs of one filter in one call.
+
+Question answered: which filters can share what numpy costs per call?  Those of this laboratory, run by numpy, with a
+resampling scheme whose ancestors ascend, and with so few particles that calls cost more than numbers.  A run's numbers
+do not depend on what runs beside it.  Called by `lab.compare`.
+"""
+
+import inspect
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from lab.problem import Problem
+from lab.result import Filtered
+from lab.solvers import blocked
+from lab.solvers.backends import is_compiled
+from lab.solvers.particle import GUIDED, RAO_BLACKWELLIZED, guided, rbpf, sir, sis
+from lab.solvers.proposals import prior
+from lab.solvers.protocol import Solver
+from lab.validation import InputError
+
+Together = Callable[[Problem, Sequence[np.random.Generator]], list[Filtered]]
+FEWEST = 2  # particles: with one, sums take another order
+
+
+def together(solver: Solver, n_particles: int) -> Together | None:
+    """Return the function that runs this filter once for each of several generators; None where that does not pay.
+
+    Parameters
+    ----------
+    solver : Solver
+        Options bound by `functools.partial`.
+    n_particles : int
+
+    Returns
+    -------
+    function of problem and generators, or None
+        Gives to the last digit what `solver` gives for each generator.
+    """
+    bound = isinstance(solver, partial) and not solver.args
+    function: Any = solver.func if bound else solver  # type: ignore[attr-defined]
+    if function not in (sis, sir, guided, rbpf) or not FEWEST <= n_particles <= blocked.FEW:
+        return None
+    options: dict[str, Any] = {"ess_threshold": 0.0, "resample": "systematic", "proposal": "prior"}
+    options |= {
+        name: p.default for name, p in inspect.signature(function).parameters.items() if p.default is not p.empty
+    }
+    options |= solver.keywords if bound else {}  # type: ignore[attr-defined]
+    proposals = {guided: GUIDED, rbpf: RAO_BLACKWELLIZED}.get(function, {"prior": prior})
+    try:
+        compiled = is_compiled(options["backend"], n_particles, options["resample"])
+    except InputError:
+        return None
+    share = options["ess_threshold"]
+    known = options["proposal"] in proposals and options["resample"] in blocked.ASCENDING
+    if compiled or not known or not isinstance(share, int | float) or not 0 <= share <= 1:
+        return None
+    settings = {"ess_threshold": float(share), "resample": options["resample"], "n_particles": n_particles}
+    return partial(blocked.run, proposal=proposals[options["proposal"]], **settings)
