@@ -65,8 +65,7 @@ def examine(
         if question.key in ("q4-filter", "q6-filter"):
             said += look_at_resampling(question, solver, jitter, seed)
             passed += ["when it resamples", "that nothing else moves the landmarks"]
-            if question.key == "q6-filter" and not jitter:
-                look_at_offspring(question, solver, seed)
+            if question.key == "q6-filter" and not jitter and look_at_offspring(question, solver, seed):
                 passed.append("that offspring are drawn")
         else:
             look_at_reset(question, solver, jitter, seed)

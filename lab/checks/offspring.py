@@ -24,24 +24,25 @@ from lab.checks.verdict import Verdict
 from lab.checks.words import in_words
 from lab.result import Filtered
 
-RUNS, MORE = 200, 1400  # at first, and where they leave a doubt
-BUDGET = 10.0  # seconds for the latter, of a slow filter
-DOUBTFUL, BOUND = 2.5, 6.0  # deviations of the walk; a right filter passes BOUND with a chance below 1e-8
+RUNS, MORE = 400, 1200  # at first, and where they leave a doubt
+BUDGET = 20.0  # seconds for the latter, of a slow filter
+OFTEN = 0.999  # threshold: even weights are left alone, whose shares end where fixed points may lie
+DOUBTFUL, BOUND = 2.0, 6.0  # deviations of the walk; a right filter passes BOUND with a chance below 1e-8
 
 
-def look_at_offspring(question: Question, solver: Callable[..., Any], seed: int) -> None:
-    """Refuse a filter whose offspring follow from the weights alone; nothing is said of one that shows too little.
+def look_at_offspring(question: Question, solver: Callable[..., Any], seed: int) -> bool:
+    """Refuse a filter whose offspring follow from the weights alone; return whether it could be looked at.
 
     Raises
     ------
     Refused
     """
     if "ess_threshold" not in inspect.signature(solver).parameters:
-        return
+        return False
     problem = worlds.blinking("middle")
 
     def run(number: int) -> Filtered:
-        return run_filter(question, solver, problem, (seed, 600, number), 2, ess_threshold=1.0)
+        return run_filter(question, solver, problem, (seed, 600, number), 2, ess_threshold=OFTEN)
 
     try:
         made = [run(number) for number in range(RUNS)]
@@ -49,10 +50,11 @@ def look_at_offspring(question: Question, solver: Callable[..., Any], seed: int)
         while stray(made) > DOUBTFUL and len(made) < RUNS + MORE and time.perf_counter() < end:
             made += [run(len(made) + number) for number in range(RUNS)]
     except Refused:
-        return  # it cannot run with two particles
+        return False  # it cannot run with two particles
     if stray(made) > BOUND:
         reason, hint = in_words(["resampling-fixed"])
         raise Refused(Verdict(question.key, False, reason, hint, "resampling-fixed"))
+    return True
 
 
 def stray(runs: Sequence[Filtered]) -> float:
