@@ -104,6 +104,39 @@ def test_magics_do_not_hide_a_cell(handed_in):
     assert found.scope["g"]() == 3
 
 
+def test_a_formula_may_go_on_with_an_operator_that_looks_like_a_magic(handed_in):
+    formula = "def f(a, b):\n    return (\n        a\n        != b\n    )\ndef g(a, b):\n    return (a\n        %b)"
+    for cell in (formula, f"%matplotlib inline\n{formula.partition('def g')[0]}"):
+        found = loaded(handed_in, cell)
+        assert found.scope["f"](1, 2)
+        assert not found.faults
+    assert loaded(handed_in, formula).scope["g"](7, 4) == 3
+
+
+def test_checks_and_demonstrations_are_not_run(handed_in):
+    """Each takes seconds, and is waited for in the child of every question; what has their names is run."""
+    own = "def demonstration(key):\n    return open(os.devnull)\ndef check(x):\n    return x + 1"
+    imports = "import os\nfrom lab.checks import check\nfrom lab.notebook import demonstration"
+    shown = "with demonstration('q5'):\n    shown = 1\nverdict = check('q5', None)\nassert verdict.passed"
+    found = loaded(handed_in, imports, shown)
+    assert not {"shown", "verdict"} & set(found.scope)
+    assert not found.faults
+    found = loaded(handed_in, imports, own, "with demonstration('q5'):\n    shown = 1\nHALF = check(2)")
+    assert (found.scope["shown"], found.scope["HALF"]) == (1, 3)
+
+
+def test_of_a_cell_that_draws_only_definitions_are_run(handed_in):
+    """Some of the course's own compute for seconds, outside a demonstration."""
+    source = json.loads(
+        notebook("import math\nruns = 1 / 0\nfor i in range(3):\n    pass\ndef f():\n    return math.pi")
+    )
+    source["cells"][1]["id"] = "switch-show"
+    found = load(Submission("a", (handed_in("a.ipynb", json.dumps(source)),)))
+    assert not found.faults
+    assert found.scope["f"]() > 3
+    assert "i" not in found.scope
+
+
 def test_ones_own_function_goes_before_an_import_of_the_same_name(handed_in):
     found = loaded(handed_in, "def sir():\n    return 'mine'", "from lab.solvers import sir")
     assert found.answer("sir")() == "mine"
