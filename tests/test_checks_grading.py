@@ -1,7 +1,11 @@
 """What is handed in: read in pieces, judged in child processes, told on a terminal and in a table."""
 
 import json
+import os
 import sys
+import tempfile
+import time
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -226,6 +230,42 @@ def test_a_child_that_no_timer_stops_is_killed(handed_in, monkeypatch):
     path = handed_in("a.py", "def effective_sample_size(weights):\n    return sum(iter(int, 1))\n")
     verdict = graded(path, "q5", seconds=15.0)["q5"]
     assert verdict.reason == "It did not come back within 15 s, and was stopped."
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "    return 1 / (weights**2).sum()",
+        "    import os\n    os._exit(0)",
+        "    import os, signal\n    os.kill(os.getpid(), signal.SIGKILL)",
+    ],
+)
+def test_nothing_is_left_of_a_child(handed_in, tmp_path, monkeypatch, body):
+    """Neither its folder, nor a process that it has started, nor the compiled files of its neighbours."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    handed_in(
+        "a/neighbour.py", "import subprocess, sys\nCOMMAND = [sys.executable, '-c', 'import time; time.sleep(60)']"
+    )
+    start = "from neighbour import COMMAND, subprocess\nsleeper = subprocess.Popen(COMMAND)\n"
+    note = f"open({str(tmp_path / 'pid')!r}, 'w').write(str(sleeper.pid))"
+    path = handed_in("a/a.py", f"{start}def effective_sample_size(weights):\n    {note}\n{body}\n")
+    graded(path, "q5")
+    assert not list((tmp_path / "temporary").iterdir())
+    assert sorted(file.name for file in (tmp_path / "a").iterdir()) == ["a.py", "neighbour.py"]
+    sleeper, deadline = int((tmp_path / "pid").read_text()), time.monotonic() + 10
+    while _alive(sleeper) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _alive(sleeper)
+
+
+def _alive(process):
+    """Whether a process runs; one that has ended and waits for its parent does not."""
+    try:
+        os.kill(process, 0)
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_a_submission_that_hangs_when_loaded(handed_in, monkeypatch):
