@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bank import CODES, RANDOM, chaff, chaffs, verdict_on_chaff, verdict_on_wheat, wheats
 
+from lab import given
 from lab import weights as lab_weights
 from lab.checks import QUESTIONS, Verdict, check, exact, forms, naming, reference, worlds
 from lab.checks.inputs import cases
@@ -393,6 +394,27 @@ def test_a_filter_of_the_laboratory_is_recognised():
 
     assert check("q6-filter", sir).mistake == "calls-the-lab"
     assert check("q6-filter", solvers.sir).mistake == "calls-the-lab"
+
+
+@pytest.mark.parametrize("question", [q for q in QUESTIONS if q.function], ids=lambda question: question.key)
+def test_a_given_answer_is_none_to_its_own_question(question):
+    right = getattr(given, question.function)
+
+    def answer(*args, **options):
+        return right(*args, **options)
+
+    for handed_in in (right, answer):
+        verdict = check(question.key, handed_in)
+        assert verdict.mistake == "calls-the-lab"
+        assert f"calls lab.given.{question.function}:" in verdict.reason
+
+
+def test_a_given_answer_helps_with_another_question():
+    def jittered_step(particles, weights, noise, jitter, z, H, R, model):
+        moved = noise + np.vstack([np.zeros((2, jitter.shape[1])), jitter])
+        return given.sis_step(particles, weights, moved, z, H, R, model)
+
+    assert check("q3-jitter", jittered_step).passed
 
 
 def test_a_wrong_type_of_result_is_named():
