@@ -375,6 +375,13 @@ def test_texts_are_not_checked():
 # filters
 
 
+def test_a_hint_speaks_of_what_the_question_has():
+    """Nobody who computes an effective sample size can start with one landmark."""
+    assert check("q5", lambda weights: 3.14).hint.endswith("by hand, with two particles.")
+    assert check("q8-gap", lambda filtered, exact: 3.14).hint.endswith("start with the simplest one, by hand.")
+    assert check("q11-observe", lambda r, landmark: (r[:2], np.ones((2, 3)), np.eye(2))).hint.endswith("one landmark.")
+
+
 def test_an_exact_filter_is_no_particle_filter():
     def sis(problem, rng, *, n_particles):
         means, covs = [problem.model.m0], [problem.model.P0]

@@ -166,5 +166,5 @@ def _explain(
     if named:
         reason, hint = in_words(named)
         return Verdict(key, False, f"{reason} Found: {found} {passed}.", hint, " ".join(named))
-    hint = "" if first.kind else pattern(tried, wrong)
+    hint = "" if first.kind else pattern(question, tried, wrong)
     return Verdict(key, False, f"{upper(found)} {passed}.", hint)

@@ -606,6 +606,13 @@ EDITS = [
     ("q7", "robot-offset", "slice(2 + 2 * i, 4 + 2 * i)", "slice(2 * i, 2 + 2 * i)"),
     ("q7", "gain-from-start", "np.trace(covs[k - 1][block, block])", "np.trace(covs[0][block, block])"),
     ("q7", "gain-flipped", "gain.append(1 - np.trace", "gain.append(np.trace"),
+    ("q7", "gain-sign", "gain.append(1 - np.trace", "gain.append(-1 + np.trace"),
+    (
+        "q7",
+        "gain-of-the-rest",
+        "gain.append(1 - np.trace(covs[k][block, block]) / np.trace(covs[k - 1][block, block]))",
+        "gain.append(np.trace(covs[k - 1][block, block]) / np.trace(covs[k][block, block]) - 1)",
+    ),
     (
         "q8-gap",
         "k0-counted",
