@@ -1,10 +1,11 @@
 """The checks as a student meets them: right answers pass, wrong ones are named, whatever else a function does."""
 
+import functools
 import time
 
 import numpy as np
 import pytest
-from bank import CODES, RANDOM, chaff, chaffs, verdict_on_chaff, verdict_on_wheat, wheats
+from bank import CODES, HERE, RANDOM, chaff, chaffs, load, verdict_on_chaff, verdict_on_wheat, wheats
 
 from lab import given
 from lab import weights as lab_weights
@@ -373,6 +374,29 @@ def test_texts_are_not_checked():
 
 
 # filters
+
+
+@pytest.mark.parametrize("key", ["q4-filter", "q6-filter"])
+def test_row_0_may_hold_the_prior_itself(key):
+    """As that of the Kalman filter does: it is no sign of a cloud of another size, nor of landmarks that move."""
+    plain = load((HERE / "wheats" / "plain.py").read_text(encoding="utf-8"))[CODES[key].function]
+
+    @functools.wraps(plain)
+    def answer(problem, rng, *, n_particles, **options):
+        run = plain(problem, rng, n_particles=n_particles, **options)
+        run.means[0], run.covs[0] = problem.model.m0, problem.model.P0
+        return run
+
+    verdict = check(key, answer)
+    assert verdict.passed, verdict
+    assert verdict.hint.startswith("Row 0 holds the moments of the prior itself")
+
+
+def test_a_threshold_that_is_taken_and_not_used_is_named():
+    """So that notebook 03 does not compare five times the same filter."""
+    (number,) = [number for number, key, mistake in chaffs() if (key, mistake) == ("q6-filter", "threshold-typed")]
+    verdict = verdict_on_chaff(number, "q6-filter")
+    assert verdict.mistake == "threshold-typed", verdict
 
 
 def test_a_hint_speaks_of_what_the_question_has():

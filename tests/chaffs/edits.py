@@ -572,6 +572,12 @@ EDITS = [
     ("q6-filter", "always-resampled", "        if effective_sample_size(w) <= threshold * P:", "        if True:"),
     (
         "q6-filter",
+        "threshold-typed",
+        "return run(problem, rng, n_particles, ess_threshold)",
+        "return run(problem, rng, n_particles, 0.5)",
+    ),
+    (
+        "q6-filter",
         "fixed-instants",
         "        if effective_sample_size(w) <= threshold * P:",
         "        if k % 2 == 1:",
