@@ -399,6 +399,20 @@ def test_a_threshold_that_is_taken_and_not_used_is_named():
     assert verdict.mistake == "threshold-typed", verdict
 
 
+@pytest.mark.parametrize(("tolerance", "said"), [(1e-8, ""), (1e-12, "The landmarks of the simulator move by 1e-10 m")])
+def test_a_transition_that_the_simulator_makes_is_possible(tolerance, said):
+    def log_transition(x_next, x, model):
+        d, free = x_next - model.F @ x - model.B, np.diag(model.Q) > 1e-16
+        if np.any(np.abs(d[~free]) > tolerance):
+            return -np.inf
+        return -0.5 * d[free] @ np.linalg.solve(model.Q[free][:, free], d[free])
+
+    verdict = check("q2b", log_transition)
+    assert verdict.passed, verdict
+    assert verdict.hint.startswith(said)
+    assert bool(verdict.hint) == bool(said)
+
+
 def test_a_hint_speaks_of_what_the_question_has():
     """Nobody who computes an effective sample size can start with one landmark."""
     assert check("q5", lambda weights: 3.14).hint.endswith("by hand, with two particles.")
