@@ -47,7 +47,7 @@ def look_at_offspring(question: Question, solver: Callable[..., Any], seed: int)
     try:
         made = [run(number) for number in range(RUNS)]
         if first_row_of_cloud(made[0], problem):
-            return  # it does not say where the two began
+            return False  # it does not say where the two began
         end = time.perf_counter() + BUDGET
         while stray(made) > DOUBTFUL and len(made) < RUNS + MORE and time.perf_counter() < end:
             made += [run(len(made) + number) for number in range(RUNS)]
