@@ -1,11 +1,13 @@
 """The checks as a student meets them: right answers pass, wrong ones are named, whatever else a function does."""
 
+import functools
 import time
 
 import numpy as np
 import pytest
-from bank import CODES, RANDOM, chaff, chaffs, verdict_on_chaff, verdict_on_wheat, wheats
+from bank import CODES, HERE, RANDOM, chaff, chaffs, load, verdict_on_chaff, verdict_on_wheat, wheats
 
+from lab import given
 from lab import weights as lab_weights
 from lab.checks import QUESTIONS, Verdict, check, exact, forms, naming, reference, worlds
 from lab.checks.inputs import cases
@@ -374,6 +376,50 @@ def test_texts_are_not_checked():
 # filters
 
 
+@pytest.mark.parametrize("key", ["q4-filter", "q6-filter"])
+def test_row_0_may_hold_the_prior_itself(key):
+    """As that of the Kalman filter does: it is no sign of a cloud of another size, nor of landmarks that move."""
+    plain = load((HERE / "wheats" / "plain.py").read_text(encoding="utf-8"))[CODES[key].function]
+
+    @functools.wraps(plain)
+    def answer(problem, rng, *, n_particles, **options):
+        run = plain(problem, rng, n_particles=n_particles, **options)
+        run.means[0], run.covs[0] = problem.model.m0, problem.model.P0
+        return run
+
+    verdict = check(key, answer)
+    assert verdict.passed, verdict
+    assert verdict.hint.startswith("Row 0 holds the moments of the prior itself")
+
+
+def test_a_threshold_that_is_taken_and_not_used_is_named():
+    """So that notebook 03 does not compare five times the same filter."""
+    (number,) = [number for number, key, mistake in chaffs() if (key, mistake) == ("q6-filter", "threshold-typed")]
+    verdict = verdict_on_chaff(number, "q6-filter")
+    assert verdict.mistake == "threshold-typed", verdict
+
+
+@pytest.mark.parametrize(("tolerance", "said"), [(1e-8, ""), (1e-12, "The landmarks of the simulator move by 1e-10 m")])
+def test_a_transition_that_the_simulator_makes_is_possible(tolerance, said):
+    def log_transition(x_next, x, model):
+        d, free = x_next - model.F @ x - model.B, np.diag(model.Q) > 1e-16
+        if np.any(np.abs(d[~free]) > tolerance):
+            return -np.inf
+        return -0.5 * d[free] @ np.linalg.solve(model.Q[free][:, free], d[free])
+
+    verdict = check("q2b", log_transition)
+    assert verdict.passed, verdict
+    assert verdict.hint.startswith(said)
+    assert bool(verdict.hint) == bool(said)
+
+
+def test_a_hint_speaks_of_what_the_question_has():
+    """Nobody who computes an effective sample size can start with one landmark."""
+    assert check("q5", lambda weights: 3.14).hint.endswith("by hand, with two particles.")
+    assert check("q8-gap", lambda filtered, exact: 3.14).hint.endswith("start with the simplest one, by hand.")
+    assert check("q11-observe", lambda r, landmark: (r[:2], np.ones((2, 3)), np.eye(2))).hint.endswith("one landmark.")
+
+
 def test_an_exact_filter_is_no_particle_filter():
     def sis(problem, rng, *, n_particles):
         means, covs = [problem.model.m0], [problem.model.P0]
@@ -393,6 +439,27 @@ def test_a_filter_of_the_laboratory_is_recognised():
 
     assert check("q6-filter", sir).mistake == "calls-the-lab"
     assert check("q6-filter", solvers.sir).mistake == "calls-the-lab"
+
+
+@pytest.mark.parametrize("question", [q for q in QUESTIONS if q.function], ids=lambda question: question.key)
+def test_a_given_answer_is_none_to_its_own_question(question):
+    right = getattr(given, question.function)
+
+    def answer(*args, **options):
+        return right(*args, **options)
+
+    for handed_in in (right, answer):
+        verdict = check(question.key, handed_in)
+        assert verdict.mistake == "calls-the-lab"
+        assert f"calls lab.given.{question.function}:" in verdict.reason
+
+
+def test_a_given_answer_helps_with_another_question():
+    def jittered_step(particles, weights, noise, jitter, z, H, R, model):
+        moved = noise + np.vstack([np.zeros((2, jitter.shape[1])), jitter])
+        return given.sis_step(particles, weights, moved, z, H, R, model)
+
+    assert check("q3-jitter", jittered_step).passed
 
 
 def test_a_wrong_type_of_result_is_named():

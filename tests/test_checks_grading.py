@@ -1,7 +1,11 @@
 """What is handed in: read in pieces, judged in child processes, told on a terminal and in a table."""
 
 import json
+import os
 import sys
+import tempfile
+import time
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -104,6 +108,39 @@ def test_magics_do_not_hide_a_cell(handed_in):
     assert found.scope["g"]() == 3
 
 
+def test_a_formula_may_go_on_with_an_operator_that_looks_like_a_magic(handed_in):
+    formula = "def f(a, b):\n    return (\n        a\n        != b\n    )\ndef g(a, b):\n    return (a\n        %b)"
+    for cell in (formula, f"%matplotlib inline\n{formula.partition('def g')[0]}"):
+        found = loaded(handed_in, cell)
+        assert found.scope["f"](1, 2)
+        assert not found.faults
+    assert loaded(handed_in, formula).scope["g"](7, 4) == 3
+
+
+def test_checks_and_demonstrations_are_not_run(handed_in):
+    """Each takes seconds, and is waited for in the child of every question; what has their names is run."""
+    own = "def demonstration(key):\n    return open(os.devnull)\ndef check(x):\n    return x + 1"
+    imports = "import os\nfrom lab.checks import check\nfrom lab.notebook import demonstration"
+    shown = "with demonstration('q5'):\n    shown = 1\nverdict = check('q5', None)\nassert verdict.passed"
+    found = loaded(handed_in, imports, shown)
+    assert not {"shown", "verdict"} & set(found.scope)
+    assert not found.faults
+    found = loaded(handed_in, imports, own, "with demonstration('q5'):\n    shown = 1\nHALF = check(2)")
+    assert (found.scope["shown"], found.scope["HALF"]) == (1, 3)
+
+
+def test_of_a_cell_that_draws_only_definitions_are_run(handed_in):
+    """Some of the course's own compute for seconds, outside a demonstration."""
+    source = json.loads(
+        notebook("import math\nruns = 1 / 0\nfor i in range(3):\n    pass\ndef f():\n    return math.pi")
+    )
+    source["cells"][1]["id"] = "switch-show"
+    found = load(Submission("a", (handed_in("a.ipynb", json.dumps(source)),)))
+    assert not found.faults
+    assert found.scope["f"]() > 3
+    assert "i" not in found.scope
+
+
 def test_ones_own_function_goes_before_an_import_of_the_same_name(handed_in):
     found = loaded(handed_in, "def sir():\n    return 'mine'", "from lab.solvers import sir")
     assert found.answer("sir")() == "mine"
@@ -193,6 +230,42 @@ def test_a_child_that_no_timer_stops_is_killed(handed_in, monkeypatch):
     path = handed_in("a.py", "def effective_sample_size(weights):\n    return sum(iter(int, 1))\n")
     verdict = graded(path, "q5", seconds=15.0)["q5"]
     assert verdict.reason == "It did not come back within 15 s, and was stopped."
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "    return 1 / (weights**2).sum()",
+        "    import os\n    os._exit(0)",
+        "    import os, signal\n    os.kill(os.getpid(), signal.SIGKILL)",
+    ],
+)
+def test_nothing_is_left_of_a_child(handed_in, tmp_path, monkeypatch, body):
+    """Neither its folder, nor a process that it has started, nor the compiled files of its neighbours."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    handed_in(
+        "a/neighbour.py", "import subprocess, sys\nCOMMAND = [sys.executable, '-c', 'import time; time.sleep(60)']"
+    )
+    start = "from neighbour import COMMAND, subprocess\nsleeper = subprocess.Popen(COMMAND)\n"
+    note = f"open({str(tmp_path / 'pid')!r}, 'w').write(str(sleeper.pid))"
+    path = handed_in("a/a.py", f"{start}def effective_sample_size(weights):\n    {note}\n{body}\n")
+    graded(path, "q5")
+    assert not list((tmp_path / "temporary").iterdir())
+    assert sorted(file.name for file in (tmp_path / "a").iterdir()) == ["a.py", "neighbour.py"]
+    sleeper, deadline = int((tmp_path / "pid").read_text()), time.monotonic() + 10
+    while _alive(sleeper) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _alive(sleeper)
+
+
+def _alive(process):
+    """Whether a process runs; one that has ended and waits for its parent does not."""
+    try:
+        os.kill(process, 0)
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_a_submission_that_hangs_when_loaded(handed_in, monkeypatch):

@@ -186,3 +186,68 @@ def test_marks_and_copies_do_not_touch_their_source():
     marks(notebook, "n")
     student_copy(notebook, "n")
     assert as_text(notebook) == before
+
+
+@pytest.mark.parametrize(
+    ("key", "change"),
+    [
+        ("q2a", "theirs = log_prior\ndef log_prior(x, model):\n    return theirs(x, model) + 3"),
+        (
+            "q2b",
+            "theirs = log_transition\ndef log_transition(x_next, x, model):\n    return theirs(x_next, x, model) + 3",
+        ),
+        (
+            "q2c",
+            "theirs = log_likelihood\ndef log_likelihood(z, particles, H, R):\n"
+            "    return theirs(z, particles, H, R) + 1.5 * np.count_nonzero(~np.isnan(z))",
+        ),
+        (
+            "q4b-ellipse",
+            "theirs = confidence_ellipse\ndef confidence_ellipse(mean, cov, n_points=100):\n"
+            "    return theirs(mean, cov, n_points).T",
+        ),
+        (
+            "q6-ancestors",
+            "theirs = select_ancestors\ndef select_ancestors(weights, points):\n"
+            "    return theirs(weights, points)[::-1]",
+        ),
+        (
+            "q9",
+            "theirs = propose\ndef propose(particles, k, problem, rng):\n"
+            "    moved, logs = theirs(particles, k, problem, rng)\n    return moved, logs + 3",
+        ),
+    ],
+)
+def test_hidden_tests_leave_what_the_table_leaves(key, change):
+    """A constant, the sense of rotation, an order: what the check accepts must not lose its points afterwards."""
+    cell, scope = notebook_before(key)
+    exec(change, scope)
+    exec(cell[f"{key}-test"].source, scope)
+    assert scope["verdict"].passed
+
+
+@pytest.mark.parametrize("key", ["q2b", "q2c", "q12-predict", "q12-update", "q12-initialise", "q14-directions"])
+def test_hidden_tests_judge_their_own_question_only(key):
+    """None of the earlier ones answered: neither their functions nor what their hidden tests import is there."""
+    cell, scope = notebook_before(key)
+
+    def unanswered(*args):
+        raise NotImplementedError
+
+    stubs = {question.function: unanswered for question in CODE if question.key != key}
+    judged = {**scope, **stubs}  # the answer itself keeps the functions that it calls
+    exec(cell[f"{key}-test"].source, judged)
+    assert judged["verdict"].passed
+
+
+def notebook_before(key):
+    """Return the cells by their ids, and what imports and answers up to this one define."""
+    (question,) = [question for question in CODE if question.key == key]
+    cell = cells(load(ROOT / "solutions" / f"{question.notebook}.ipynb"))
+    answers = [name for name in cell if name.endswith("-answer") and cell[name].cell_type == "code"]
+    scope = {"__name__": "notebook"}
+    for name in ("imports", *answers[: answers.index(f"{key}-answer") + 1]):
+        exec(cell[name].source, scope)
+    if "simulate-code" in cell:
+        exec(cell["simulate-code"].source, scope)
+    return cell, scope

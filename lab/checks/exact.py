@@ -12,7 +12,7 @@ import numpy as np
 
 from lab.checks import guard, reference
 from lab.checks.forms import SECONDS, Form, Result, forms, joined, read_outcome
-from lab.checks.inputs import Case, cases, edges, equality, uncertain_robot
+from lab.checks.inputs import Case, as_simulated, cases, edges, equality, uncertain_robot
 from lab.checks.mistakes.densities import with_motion_noise
 from lab.checks.naming import ACCEPTED, by_message, by_pattern, global_data, name, right_results, same
 from lab.checks.questions import Question
@@ -70,6 +70,14 @@ def advice(question: Question, answer: Callable[..., Any], calls: Sequence[guard
         if not same(_run(form, answer, case, question, False)[0], expected, ACCEPTED):
             said.append(
                 "This is right where the robot starts at a known point, which it does not in the older edition."
+            )
+    if question.key == "q2b":
+        form, case = forms()["q2b"], as_simulated()
+        expected = _run(form, reference.log_transition, case, question, False)[0]
+        if not same(_run(form, answer, case, question, False)[0], expected, ACCEPTED):
+            said.append(
+                "The landmarks of the simulator move by 1e-10 m, which count as none; your function takes such a move"
+                " for one, and so finds impossible what is simulated."
             )
     if question.key == "q6-ancestors":
         form, case = forms()["q6-ancestors"], edges()
@@ -166,5 +174,5 @@ def _explain(
     if named:
         reason, hint = in_words(named)
         return Verdict(key, False, f"{reason} Found: {found} {passed}.", hint, " ".join(named))
-    hint = "" if first.kind else pattern(tried, wrong)
+    hint = "" if first.kind else pattern(question, tried, wrong)
     return Verdict(key, False, f"{upper(found)} {passed}.", hint)

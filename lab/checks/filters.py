@@ -21,7 +21,14 @@ from lab.checks.occasions import look_at_resampling, look_at_reset
 from lab.checks.offspring import look_at_offspring
 from lab.checks.questions import Question
 from lab.checks.recipes import log_likelihood_with
-from lab.checks.running import PARTICLES, Refused, declared_jitter, require_randomness, run_filter
+from lab.checks.running import (
+    PARTICLES,
+    Refused,
+    declared_jitter,
+    first_row_of_cloud,
+    require_randomness,
+    run_filter,
+)
 from lab.checks.unbiased import BOUND, SLACK, doubtful, first_gap, fits, lacking_constant, refused, score, stacked
 from lab.checks.verdict import Verdict
 from lab.checks.words import in_words
@@ -149,10 +156,11 @@ def _require_cloud(question: Question, runs: Sequence[Filtered], problem: Proble
     ------
     Refused
     """
-    spread = np.mean([np.trace(run.covs[0]) for run in runs]) / np.trace(problem.model.P0)
+    k = first_row_of_cloud(runs[0], problem)
+    spread = np.mean([np.trace(run.covs[k]) for run in runs]) / np.trace(limit(problem).covs[k])
     if spread < 0.5:
         reason, hint = in_words(["noise-shared"])
-        found = "the covariances at k = 0 are far too small"
+        found = f"the covariances at k = {k} are far too small"
         raise Refused(Verdict(question.key, False, f"{reason} Found: {found}.", hint, "noise-shared"))
     sizes = [np.asarray(run.ess, dtype=np.float64)[1:] for run in runs if run.ess is not None]
     if not sizes:

@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -143,22 +144,24 @@ def _in_child(task: tuple[Any, ...], limits: Limits) -> Answer:
     if "forkserver" in methods:
         context.set_forkserver_preload(["lab.checks.grading"])
     near, far = context.Pipe(duplex=False)
-    child = context.Process(target=_work, args=(far, *task), daemon=False)
-    child.start()
-    far.close()
-    key = task[2]
-    try:
-        if near.poll(limits.seconds + STARTING):
-            answer: Answer = near.recv()
-            notes = (*answer.verdict.notes, *limits.inactive())
-            return answer._replace(verdict=replace(answer.verdict, notes=notes))
-        reason = f"It did not come back within {limits.seconds:g} s, and was stopped."
-    except (EOFError, OSError):
-        child.join(5)
-        reason = _how_it_died(child.exitcode)
-    finally:
-        near.close()
-        _end(child)
+    # the folder is removed here, since a child that is stopped cannot do it
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        child = context.Process(target=_work, args=(far, folder, *task), daemon=False)
+        child.start()
+        far.close()
+        key = task[2]
+        try:
+            if near.poll(limits.seconds + STARTING):
+                answer: Answer = near.recv()
+                notes = (*answer.verdict.notes, *limits.inactive())
+                return answer._replace(verdict=replace(answer.verdict, notes=notes))
+            reason = f"It did not come back within {limits.seconds:g} s, and was stopped."
+        except (EOFError, OSError):
+            child.join(5)
+            reason = _how_it_died(child.exitcode)
+        finally:
+            near.close()
+            _end(child)
     return Answer(Verdict(key, False, reason, "Run the check of this question alone, in the notebook.", "died"))
 
 
@@ -169,13 +172,10 @@ def _how_it_died(status: int | None) -> str:
 
 
 def _end(child: Any) -> None:
-    """Stop a child and whatever it has started."""
+    """Stop a child and whatever it has started, which may go on when the child itself has ended."""
     if hasattr(os, "killpg") and child.pid:
-        try:
-            if os.getpgid(child.pid) == child.pid:
-                os.killpg(child.pid, 9)
-        except OSError:
-            pass  # it has ended
+        with suppress(OSError):  # the group that the child led has ended, or it has not begun to lead one
+            os.killpg(child.pid, 9)
     if child.is_alive():
         child.kill()
     child.join(5)
@@ -183,6 +183,7 @@ def _end(child: Any) -> None:
 
 def _work(
     connection: Connection,
+    folder: str,
     name: str,
     files: tuple[str, ...],
     key: str,
@@ -198,15 +199,15 @@ def _work(
     silence = os.open(os.devnull, os.O_RDWR)
     for stream in (0, 1, 2):
         os.dup2(silence, stream)
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)  # what a submission writes ends up here
-        try:
-            answer = _judged(Submission(name, tuple(map(Path, files))), key, stand_ins, hung)
-        except MemoryError:
-            answer = Answer(Verdict(key, False, f"It needs more than {limits.megabytes} MB of memory."))
-        connection.send(answer)
-        connection.close()
-        os.chdir(tempfile.gettempdir())
+    sys.dont_write_bytecode = True  # nothing is written beside what was handed in
+    os.chdir(folder)  # what a submission writes ends up here
+    try:
+        answer = _judged(Submission(name, tuple(map(Path, files))), key, stand_ins, hung)
+    except MemoryError:
+        answer = Answer(Verdict(key, False, f"It needs more than {limits.megabytes} MB of memory."))
+    os.chdir(tempfile.gettempdir())  # a folder that somebody is in cannot be removed everywhere
+    connection.send(answer)
+    connection.close()
 
 
 def _judged(handed_in: Submission, key: str, stand_ins: tuple[str, ...], hung: tuple[str, ...]) -> Answer:

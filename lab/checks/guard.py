@@ -89,7 +89,8 @@ def call(
     seconds : float
         Time limit.
     watch : function, optional
-        (module, function) -> whether a call to it counts as `Outcome.ours`; this slows the call down.
+        (module, function) -> whether a call to it counts as `Outcome.ours`; this slows the call down.  For an answer
+        that is given (`lab.given`) it is asked about `STAND_INS` and the answer's name, and not about what that calls.
     """
     given = [_copied(argument) for argument in args]
     before = [_copied(argument) for argument in args]
@@ -263,6 +264,9 @@ def _watched(watch: Callable[[str, str], bool] | None, seen: list[str]) -> Itera
             module = str(frame.f_globals.get("__name__", ""))
             name = frame.f_code.co_qualname
             if module == STAND_INS:
+                given = str(frame.f_locals.get("name", ""))
+                if watch(module, given):
+                    seen.append(f"lab.given.{given}")
                 standing_in.append(frame)
                 return
             if module.startswith("lab.") and not name.startswith("<") and module != __name__ and watch(module, name):

@@ -101,6 +101,14 @@ def _transitions() -> list[Case]:
     return cases
 
 
+def as_simulated() -> Case:
+    """Return transitions whose landmarks move by the 1e-10 m of the original, which count as none."""
+    (case,) = [case for case in cases("q2b") if case.label == "the handout's world"]
+    rng = np.random.default_rng(14)
+    moved = ((new + np.r_[0, 0, 1e-10 * rng.standard_normal(len(x) - 2)], x, model) for new, x, model in case.calls)
+    return Case("landmarks that move by 1e-10 m", tuple(moved))
+
+
 def _clouds(far: bool = True) -> list[tuple[str, worlds.Moment, Array, Array, Array]]:
     """Return label, moment, particles, weights and noise of single steps."""
     found = []

@@ -13,7 +13,7 @@ import numpy as np
 
 from lab.checks import worlds
 from lab.checks.questions import Question
-from lab.checks.running import PARTICLES, Refused, run_alone, run_filter
+from lab.checks.running import PARTICLES, Refused, first_row_of_cloud, run_alone, run_filter
 from lab.checks.verdict import Verdict
 from lab.checks.words import in_words
 from lab.problem import Problem
@@ -62,12 +62,19 @@ def look_at_resampling(question: Question, solver: Callable[..., Any], jitter: f
         raise Refused(
             _named(question, "never-resampled", "After a measurement that ruins the weights they stay ruined.")
         )
+    if options:
+        never = [run_filter(question, solver, strong, (seed, 700 + run), ess_threshold=0.0) for run in range(SEVERAL)]
+        if _noise(never, strong) < SPREAD:
+            found = "With ess_threshold=0 the cloud is resampled all the same."
+            raise Refused(_named(question, "threshold-typed", found))
     said = []
     if not jitter:
         instants = _moving_instants(clouds[:3], range(3, strong.n_instants))
         if instants:
             found = f"The landmarks' moments change at k = {instants[0]}, though the cloud was resampled before."
             raise Refused(_named(question, "weights-not-reset", found))
+    if first_row_of_cloud(clouds[0], strong):
+        said.append("Row 0 holds the moments of the prior itself; those of the cloud that was drawn belong there.")
     before = not jitter and not _moving_instants(clouds, [2])
     if question.key == "q6-filter" and (
         before or all(run.ess is not None and run.ess[1] > 0.999 * PARTICLES for run in clouds)
@@ -121,9 +128,10 @@ def _require_still(
         alone = run_alone(question, solver, weak, seed, each)
         if alone is None:
             continue
-        if np.abs(alone.covs).max() > STILL:
+        first = first_row_of_cloud(alone, weak)
+        if np.abs(alone.covs[first:]).max() > STILL:
             raise Refused(_named(question, "size-ignored", "A cloud of one particle has a spread."))
-        if np.abs(np.diff(alone.means[:, 2:], axis=0)).max() > STILL:
+        if np.abs(np.diff(alone.means[first:, 2:], axis=0)).max() > STILL:
             found = "A cloud of one particle has landmarks that move."
             raise Refused(_named(question, "jitter-undeclared", found))
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from lab.checks import worlds
 from lab.checks.questions import Question
-from lab.checks.running import Refused, run_filter
+from lab.checks.running import Refused, first_row_of_cloud, run_filter
 from lab.checks.verdict import Verdict
 from lab.checks.words import in_words
 from lab.result import Filtered
@@ -46,6 +46,8 @@ def look_at_offspring(question: Question, solver: Callable[..., Any], seed: int)
 
     try:
         made = [run(number) for number in range(RUNS)]
+        if first_row_of_cloud(made[0], problem):
+            return False  # it does not say where the two began
         end = time.perf_counter() + BUDGET
         while stray(made) > DOUBTFUL and len(made) < RUNS + MORE and time.perf_counter() < end:
             made += [run(len(made) + number) for number in range(RUNS)]

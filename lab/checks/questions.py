@@ -44,7 +44,7 @@ MAPS = Value("means", "(2M, P)", "conditional means of the landmarks [m]")
 MAP_COV = Value("cov", "(2M, 2M)", "their conditional covariance [m^2], the same for all particles")
 N_PARTICLES = Value("n_particles", "int", "P")
 FILTERED = Value("filtered", "lab.result.Filtered", "means (N, n), covs (N, n, n), log_evidence (N,), ess (N,) or None")
-ROWS = "particles one a row, (P, n), in and out"
+ROWS = "for the check particles one a row, (P, n), in and out; the other cells want columns"
 SOLVER = ", rng, *, n_particles)"
 OWN_CHOICE = "any order of the draws; a keyword landmark_noise=STD declares jitter as part of the model"
 
@@ -74,7 +74,7 @@ QUESTIONS: tuple[Question, ...] = (
         "kalman_filter(problem)",
         (PROBLEM,),
         (Value("means", "(N, n)", "[m]"), Value("covs", "(N, n, n)", "[m^2]")),
-        "a Filtered will do as well",
+        "for the check a Filtered, too; the other cells want two arrays",
     ),
     Question("q2", TEXT, 5, NOTEBOOKS[0], "Closed forms of prior, transition (landmarks moving or not) and likelihood"),
     Question(

@@ -99,6 +99,13 @@ def run_alone(
         return None
 
 
+def first_row_of_cloud(run: Filtered, problem: Problem) -> int:
+    """Return the first row that holds the moments of a cloud: 1 where row 0 holds those of the prior itself, else 0."""
+    model = problem.model
+    exact = np.allclose(run.means[0], model.m0, atol=1e-9) and np.allclose(run.covs[0], model.P0, atol=1e-9)
+    return int(exact and np.any(model.P0))
+
+
 def require_randomness(question: Question, solver: Callable[..., Any], problem: Problem, seed: int) -> None:
     """Refuse what does not depend on rng alone.
 

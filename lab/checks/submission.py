@@ -2,7 +2,8 @@
 
 Question answered: which functions does a submission define, if parts of it are broken?  A file is read as statements,
 one after the other; one that raises, hangs or cannot be parsed is left out, and the others go on.  Definitions,
-imports and assignments are run; bare expressions (plots, prints, checks) are not, since no function depends on them.
+imports and assignments are run; bare expressions (plots, prints), checks and the notebook's demonstrations are not,
+since no function depends on them.
 """
 
 import ast
@@ -13,7 +14,7 @@ import types
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lab.checks import guard
 from lab.validation import InputError
@@ -23,6 +24,16 @@ SKIPPED = {"__pycache__", "__MACOSX", "node_modules", "site-packages"}
 STATEMENT_SECONDS, SUBMISSION_SECONDS = 10.0, 40.0
 MAGIC = re.compile(r"^\s*[%!?]|^\s*[\w.]+\?{1,2}\s*$")
 MODULE = "submission"
+SHOWING = "-show"  # ends the ids of the course's own cells that draw pictures
+DEFINING = ast.FunctionDef | ast.ClassDef | ast.Import | ast.ImportFrom
+SHOWN = {"demonstration": "lab.notebook", "check": "lab.checks"}  # calls that show or judge, and where they come from
+
+
+class Cell(NamedTuple):
+    """A cell's code, and whether it is one of the course's own that draw pictures."""
+
+    code: str
+    shows: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,7 +103,7 @@ def _ignored(entry: Path) -> bool:
     return entry.name.startswith(".") or entry.name in SKIPPED
 
 
-def cells(path: Path) -> list[str]:
+def cells(path: Path) -> list[Cell]:
     """Return the code of a file, cell by cell; a .py is one cell.
 
     Raises
@@ -105,12 +116,15 @@ def cells(path: Path) -> list[str]:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     if path.suffix == ".py":
-        return [text]
+        return [Cell(text)]
     try:
         notebook = json.loads(text)
         raw = notebook["cells"] if "cells" in notebook else notebook["worksheets"][0]["cells"]
         codes = [cell for cell in raw if cell.get("cell_type") == "code"]
-        return ["".join(cell.get("source", cell.get("input", ""))) for cell in codes]
+        return [
+            Cell("".join(cell.get("source", cell.get("input", ""))), str(cell.get("id", "")).endswith(SHOWING))
+            for cell in codes
+        ]
     except (ValueError, KeyError, TypeError, AttributeError, IndexError):
         raise InputError(f"{path} is not a notebook: its JSON cannot be read.") from None
 
@@ -120,7 +134,7 @@ def defined(submission: Submission) -> set[str]:
     names = set()
     for file in submission.files:
         try:
-            parts = [statement for cell in cells(file) for statement, _ in statements(cell)]
+            parts = [statement for cell in cells(file) for statement, _ in statements(cell.code)]
         except InputError:
             continue
         for node in parts:
@@ -135,8 +149,11 @@ def statements(cell: str) -> Iterator[tuple[ast.stmt | None, str]]:
     """Yield the statements of a cell; where it cannot be parsed, those of its pieces, and why a piece cannot."""
     if cell.lstrip().startswith("%%") and not re.match(r"\s*%%(time|timeit|capture)\b", cell):
         return
-    lines = ["pass" if MAGIC.match(line) and not _continued(line) else line for line in cell.splitlines()]
-    tree, why = _parsed("\n".join(lines))
+    tree, why = _parsed(cell)  # a line may begin with the != or the % of a formula: magics are what Python is not
+    lines = cell.splitlines()
+    if tree is None:
+        lines = ["pass" if MAGIC.match(line) and not _continued(line) else line for line in lines]
+        tree, why = _parsed("\n".join(lines))
     if tree is not None:
         yield from ((node, "") for node in tree.body)
         return
@@ -149,8 +166,8 @@ def statements(cell: str) -> Iterator[tuple[ast.stmt | None, str]]:
 
 
 def _continued(line: str) -> bool:
-    """Whether a line that looks like a magic is arithmetic: the % of a formula that goes on."""
-    return bool(re.match(r"^\s+%\s", line))
+    """Whether a line that looks like a magic belongs to a formula that goes on: one with % or !=."""
+    return bool(re.match(r"^\s+(%\s|!=)", line))
 
 
 def _parsed(text: str) -> tuple[ast.Module | None, str]:
@@ -194,22 +211,39 @@ def load(submission: Submission, skipped: Collection[str] = ()) -> Loaded:
             loaded.faults.append(str(error))
             continue
         for number, cell in enumerate(read, 1):
-            for node, why in statements(cell):
+            for node, why in statements(cell.code):
                 where = f"{file.name}, cell {number}" if file.suffix == ".ipynb" else file.name
                 if node is None:
                     loaded.faults.append(f"{where}: {why}")
-                elif not isinstance(node, ast.Expr):
+                elif isinstance(node, DEFINING) or not (cell.shows or _only_shows(node, loaded.scope)):
                     place = f"{where}, line {node.lineno}"
                     if place not in skipped:
                         left -= _run(node, place, loaded, min(left, STATEMENT_SECONDS))
     return loaded
 
 
+def _only_shows(node: ast.stmt, scope: dict[str, Any]) -> bool:
+    """Whether no function can depend on a statement: a bare expression, an assertion, a check, a demonstration.
+
+    The last two take seconds each, and every child would wait for all of them.
+    """
+    if isinstance(node, ast.Expr | ast.Assert):
+        return True
+    called = [node.value] if isinstance(node, ast.Assign) else []
+    called += [item.context_expr for item in node.items] if isinstance(node, ast.With) else []
+    for call in called:
+        name = call.func.id if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) else ""
+        module = getattr(scope.get(name), "__module__", None)
+        if name in SHOWN and isinstance(module, str) and module.startswith(SHOWN[name]):
+            return True
+    return False
+
+
 def _run(node: ast.stmt, where: str, loaded: Loaded, seconds: float) -> float:
     """Run one statement; return how many seconds it took."""
     import time
 
-    if seconds <= 0 and not isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Import | ast.ImportFrom):
+    if seconds <= 0 and not isinstance(node, DEFINING):
         return 0.0
     code = compile(ast.Module([node], []), where, "exec", dont_inherit=True)
     start = time.monotonic()

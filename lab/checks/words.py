@@ -12,6 +12,7 @@ from lab.checks.forms import Form, Result
 from lab.checks.inputs import Case
 from lab.checks.mistakes import CATALOGUE
 from lab.checks.naming import ACCEPTED, close
+from lab.checks.question import Question
 from lab.checks.verdict import Verdict
 from lab.validation import Array
 
@@ -70,10 +71,18 @@ def _by_how_much(a: Array, b: Array) -> str:
     return f", most{at}" if not np.isfinite(gap) else f" by up to {gap:.3g}{at}"
 
 
-def pattern(tried: Sequence[Case], wrong: Sequence[int]) -> str:
+def pattern(question: Question, tried: Sequence[Case], wrong: Sequence[int]) -> str:
     """Return a hint from which cases are wrong."""
     if len(wrong) == len(tried):
-        return "It is off in every case: start with the simplest one, by hand, with one landmark."
+        given = {value.name for value in question.arguments}
+        simplest = (
+            "one landmark"
+            if given & {"z", "landmark", "model", "problem"}
+            else "two particles"
+            if "weights" in given
+            else ""
+        )
+        return f"It is off in every case: start with the simplest one, by hand{simplest and f', with {simplest}'}."
     fine = next(case.label for i, case in enumerate(tried) if i not in wrong)
     return f"It is right for {fine}: what is different there?"
 

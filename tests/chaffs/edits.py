@@ -572,6 +572,12 @@ EDITS = [
     ("q6-filter", "always-resampled", "        if effective_sample_size(w) <= threshold * P:", "        if True:"),
     (
         "q6-filter",
+        "threshold-typed",
+        "return run(problem, rng, n_particles, ess_threshold)",
+        "return run(problem, rng, n_particles, 0.5)",
+    ),
+    (
+        "q6-filter",
         "fixed-instants",
         "        if effective_sample_size(w) <= threshold * P:",
         "        if k % 2 == 1:",
@@ -606,6 +612,13 @@ EDITS = [
     ("q7", "robot-offset", "slice(2 + 2 * i, 4 + 2 * i)", "slice(2 * i, 2 + 2 * i)"),
     ("q7", "gain-from-start", "np.trace(covs[k - 1][block, block])", "np.trace(covs[0][block, block])"),
     ("q7", "gain-flipped", "gain.append(1 - np.trace", "gain.append(np.trace"),
+    ("q7", "gain-sign", "gain.append(1 - np.trace", "gain.append(-1 + np.trace"),
+    (
+        "q7",
+        "gain-of-the-rest",
+        "gain.append(1 - np.trace(covs[k][block, block]) / np.trace(covs[k - 1][block, block]))",
+        "gain.append(np.trace(covs[k - 1][block, block]) / np.trace(covs[k][block, block]) - 1)",
+    ),
     (
         "q8-gap",
         "k0-counted",

@@ -528,8 +528,9 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "What should decide, the sensor or the weights?",
     ),
     "noise-resampled": (
-        "the particles are moved before they are chosen, so that copies share their noise",
-        "Look at the order in the table: which comes first?",
+        "copies of a particle share their noise: it is chosen along with the particles, or these are moved before they"
+        " are chosen",
+        "To which particle does column j of the noise belong: to the old one, or to the new one?",
     ),
     "never-resampled": (
         "the cloud is never resampled: the test never holds",
@@ -607,7 +608,15 @@ _TEXTS: dict[str, tuple[str, str]] = {
         "What did THIS sighting do?",
     ),
     "gain-of-deviation": ("the gain is that of deviations, not of variances", "The table asks for traces."),
-    "gain-flipped": ("what is left is returned, not what was gained", "A landmark that gains nothing has gain 0."),
+    "gain-flipped": (
+        "the ratio of the two traces is returned, not how much of the earlier one is gone",
+        "A landmark that gains nothing has gain 0.",
+    ),
+    "gain-sign": ("the gain has the wrong sign", "A landmark that gains has a gain above 0."),
+    "gain-of-the-rest": (
+        "the change is divided by the trace after the sighting, not by the one before",
+        "A share of what? A landmark of which all doubt is gone has gain 1.",
+    ),
     "gain-absolute": (
         "a difference of variances is returned, in m^2, not a ratio",
         "How much of the uncertainty is gone? A share has no unit.",
