@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from functools import partial
+from importlib.metadata import version
 from typing import Any
 
 import joblib
@@ -29,18 +30,20 @@ class ClusterError(Exception):
 
 
 @contextmanager
-def connect(address: str) -> Iterator[Execute]:
+def connect(address: str, packages: Sequence[str] = ()) -> Iterator[Execute]:
     """Connect to a cluster and give the way to run units on it.
 
     Parameters
     ----------
     address : str
         Of the scheduler, such as tcp://host:8786.
+    packages : sequence of str
+        Beside this one, what numbers depend on: workers must have the same versions.
 
     Raises
     ------
     InputError
-        The extra is not installed, the address is none, nothing answers there, or the workers lack this package or have
+        The extra is not installed, the address is none, nothing answers there, or the workers lack a package or have
         another version of it.
     ClusterError
         The connection is lost inside the block.
@@ -52,16 +55,16 @@ def connect(address: str) -> Iterator[Execute]:
     if not re.fullmatch(ADDRESS, address):
         raise InputError(f"A Dask scheduler has an address such as tcp://host:8786, not {address!r}.")
     with _silent("distributed", "distributed.client"):  # what matters is said in the errors
-        yield from _connected(Client, address)
+        yield from _connected(Client, address, packages)
 
 
-def _connected(Client: Any, address: str) -> Iterator[Execute]:
+def _connected(Client: Any, address: str, packages: Sequence[str]) -> Iterator[Execute]:
     try:
         client: Any = Client(address, timeout=CONNECTING, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(f"No Dask scheduler answers at {address}: {_first_line(error)}.") from None
     try:
-        _check_workers(client, address)
+        _check_workers(client, address, {"toy-slam-lab": lab.__version__, **{name: version(name) for name in packages}})
         yield partial(_run, client=client, address=address)
     finally:
         client.close(timeout=CONNECTING)
@@ -80,19 +83,14 @@ def _silent(*names: str) -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-def _check_workers(client: Any, address: str) -> None:
-    versions = {name: str(answer) for name, answer in client.run(_version, on_error="return").items()}
-    if not versions:
-        raise InputError(f"The Dask cluster at {address} has no workers.")
-    for name, version in versions.items():
-        if version != lab.__version__:
-            raise InputError(f"The Dask worker {name} needs toy-slam-lab {lab.__version__}; it answers: {version}.")
-
-
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("toy-slam-lab")
+def _check_workers(client: Any, address: str, needed: dict[str, str]) -> None:
+    for package, wanted in needed.items():
+        answers = client.run(version, package, on_error="return")
+        if not answers:
+            raise InputError(f"The Dask cluster at {address} has no workers.")
+        for name, answer in answers.items():
+            if str(answer) != wanted:
+                raise InputError(f"The Dask worker {name} needs {package} {wanted}; it answers: {answer}.")
 
 
 def _run(

@@ -216,3 +216,21 @@ def test_data_sets_are_simulations_that_can_be_repeated(here):
     call(*given, "--datasets", "0").assert_refused("The number of data sets must be at least 1")
     refused = call("compare", "--experiment", "three/experiment-2.npz", "--datasets", "2")
     refused.assert_refused("--datasets simulates afresh, and --experiment is one data set")
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_another_backend_is_refused(here):
+    """Its numbers would be others: a comparison goes on with the backend that it was begun with."""
+    pytest.importorskip("numba", reason="the extra toy-slam-lab[fast] is not installed")
+    given = [*GIVEN[:-4], "--particles", "200", "--runs", "2", "--solvers", "sir", "--out", "result"]
+    from lab.cli import options
+    from lab.sweep import Unfinished
+
+    assert call(*given, "--backend", "numpy").status == 0
+    config = json.loads((here / "result" / "config.json").read_text())
+    assert config["arguments"]["backend"] == "numpy"
+    (here / "result").rename(here / "earlier")
+    with Unfinished(here / "result").begun(config):
+        (here / "result" / "unfinished" / "x.parquet").touch()  # something is finished
+    call("compare", "--resume", "--backend", "numba", "--out", "result").assert_refused("--backend numpy, not numba")
+    assert options.settle_backend("auto", [20]) == "numpy"  # below N = 100 nothing is compiled

@@ -2,11 +2,13 @@
 
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 
 import pandas as pd
 import pytest
 from program import start
 
+import lab
 from lab import cluster
 from lab.validation import InputError
 
@@ -103,12 +105,23 @@ def test_an_address_is_asked_for():
 )
 def test_workers_that_cannot_help_are_named(answers, message):
     class Client:
-        def run(self, function, on_error):
-            assert on_error == "return"
+        def run(self, function, package, on_error):
+            assert (package, on_error) == ("toy-slam-lab", "return")
             return answers
 
     with pytest.raises(InputError, match=message):
-        cluster._check_workers(Client(), "tcp://a:1")
+        cluster._check_workers(Client(), "tcp://a:1", {"toy-slam-lab": lab.__version__})
+
+
+def test_workers_need_what_compiles_here():
+    """A worker without numba would run the numpy loop, whose numbers are others."""
+
+    class Client:
+        def run(self, function, package, on_error):
+            return {"tcp://b:2": lab.__version__ if package == "toy-slam-lab" else PackageNotFoundError(package)}
+
+    with pytest.raises(InputError, match=r"tcp://b:2 needs numba 0\.68\.1; it answers: .*numba"):
+        cluster._check_workers(Client(), "tcp://a:1", {"toy-slam-lab": lab.__version__, "numba": "0.68.1"})
 
 
 def test_without_the_extra(monkeypatch):

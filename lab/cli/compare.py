@@ -144,7 +144,7 @@ def _execution(jobs: int, address: str | None, solvers: "dict[str, Solver]") -> 
     if jobs < 1 and jobs != -1:
         raise InputError(f"--jobs must be at least 1, or -1 for one per processor, not {jobs}.")
     if address is not None:
-        return cluster.connect(address)
+        return cluster.connect(address, options.compiled_with(solvers))
     if jobs == 1 and not options.student_files(solvers):
         return nullcontext(execution.here)
     return nullcontext(partial(execution.processes, jobs=jobs))
