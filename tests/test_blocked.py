@@ -8,7 +8,7 @@ from worlds import WORLDS, problem
 from lab.resampling import RESAMPLERS
 from lab.result import collect
 from lab.solvers import blocked, particle, particle_steps, sir
-from lab.solvers.blocked import BLOCK, FEW
+from lab.solvers.clones import BLOCK, FEW, Clones
 from lab.solvers.proposals import prior
 from lab.solvers.together import FEWEST
 from lab.validation import InputError
@@ -54,7 +54,7 @@ def test_twin_over_blocks(n_particles, name):
 def test_landmarks_are_kept_once_for_each_ancestor():
     """Static rows shrink with the survivors, whose places in the cloud they give."""
     laws = blocked.plan(cut(problem(), 12), prior)
-    cloud = blocked._Cloud(laws, 50, [np.random.default_rng(0)])
+    cloud = Clones(laws, 50, [np.random.default_rng(0)])
     before, places = cloud.static, np.sort(np.random.default_rng(1).integers(0, 50, 50))
     cloud.resample(places)
     assert cloud.static.shape[1] == len(cloud.starts) == len(np.unique(places)) < 50

@@ -11,7 +11,7 @@ from lab.compare import TOGETHER, Work, batches, compare, plan
 from lab.comparison import Unit
 from lab.resampling import systematic
 from lab.solvers import guided, kalman, rbpf, sir, sis
-from lab.solvers.blocked import FEW
+from lab.solvers.clones import FEW
 from lab.solvers.together import together
 
 SOLVERS = {"sis": sis, "sir": partial(sir, ess_threshold=0.9, resample="stratified"), "guided": guided}

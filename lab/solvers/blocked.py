@@ -14,8 +14,7 @@ Here
 For schemes whose ancestors come in ascending order.  Called by `lab.solvers.particle`.
 """
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -25,14 +24,12 @@ from lab import weights
 from lab.problem import Problem
 from lab.resampling import of_strata
 from lab.result import Filtered
+from lab.solvers.clones import Clones, blocks, normals
 from lab.solvers.plan import Plan, plan
 from lab.solvers.proposals import GaussianProposal
 from lab.validation import Array, InputError
 
 ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
-FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
-BLOCK = 4000  # particles; no power of two, since rows at such distances would share places in the cache
-PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
 Term = tuple[slice, slice, Array]  # target rows += matrix @ source rows
@@ -66,91 +63,6 @@ class _Step(NamedTuple):
 _prepared: WeakKeyDictionary[Plan, list[_Step]] = WeakKeyDictionary()  # plans never change
 
 
-class _Cloud:
-    """The particles of all runs, one run after the other, and their ancestors of time 0.
-
-    Attributes
-    ----------
-    x : (a, runs P) array
-        Active rows.
-    static : (s, G) array
-        The other rows, once for each living ancestor.
-    product : function
-        Of two matrices, the second with a column for each particle or ancestor.
-    group : (runs P,) array of int
-        Of each particle, its ancestor's column of `static`; ascending.
-    starts : (G,) array of int
-        The first particle of each group.
-    """
-
-    def __init__(self, laws: Plan, n_particles: int, rngs: Sequence[np.random.Generator]) -> None:
-        a, n_columns = len(laws.B), n_particles * len(rngs)
-        self.x, self._other = _padded(a, n_columns), _padded(a, n_columns)
-        normals = _normals(laws.spread_0.shape[1], n_particles, rngs)
-        # BLAS computes columns in groups, and a last digit may depend on a column's place
-        self.product: Callable[[Array, Array], Array] = (
-            partial(np.einsum, "ij,jk->ik") if n_particles <= FEW else np.dot
-        )
-        for rows in _blocks(n_columns):
-            self.x[:, rows] = self.product(laws.spread_0[:a], normals[:, rows])
-        self.x += laws.m0[:a, np.newaxis]
-        self.static = laws.m0[a:, np.newaxis] + self.product(laws.spread_0[a:], normals)
-        self.group = self.starts = np.arange(n_columns)
-
-    @property
-    def alone(self) -> bool:
-        """Whether every particle is the only descendant of its ancestor."""
-        return len(self.starts) == len(self.group)
-
-    def resample(self, ancestors: Any) -> None:
-        """Replace the particles by their ancestors, given in ascending order."""
-        self.x, self._other = self._other, self.x
-        for rows in _blocks(len(ancestors)):
-            for new, old in zip(self.x, self._other, strict=True):
-                np.take(old, ancestors[rows], out=new[rows], mode="clip")
-        group = self.group[ancestors]
-        begins = np.flatnonzero(group[1:] != group[:-1]) + 1
-        self.starts = np.concatenate([[0], begins])
-        self.static = self.static[:, group[self.starts]]
-        self.group = np.zeros(len(group), np.intp)
-        self.group[begins] = 1
-        np.cumsum(self.group, out=self.group)
-
-    def moments(self, w: Array) -> tuple[Array, Array]:
-        """Return means (runs, n) and covariances (runs, n, n) of the particles with weights w (runs, P)."""
-        runs, P = w.shape
-        if P <= FEW:
-            static = self.static if self.alone else self.static.take(self.group, axis=1)
-            x = np.concatenate([self.x, static]).reshape(-1, runs, P).transpose(1, 0, 2).copy()
-            means = (x @ w[:, :, np.newaxis])[:, :, 0]
-            x -= means[:, :, np.newaxis]
-            x *= np.sqrt(w)[:, np.newaxis]
-            return means, x @ x.transpose(0, 2, 1)
-        each = [self._large_moments(w[run], slice(run * P, (run + 1) * P)) for run in range(runs)]
-        return np.array([mean for mean, _ in each]), np.array([cov for _, cov in each])
-
-    def _large_moments(self, w: Array, particles: slice) -> tuple[Array, Array]:
-        first, end = (int(place) for place in np.searchsorted(self.starts, (particles.start, particles.stop)))
-        starts, static, x = self.starts[first:end] - particles.start, self.static[:, first:end], self.x[:, particles]
-        if len(starts) == len(w) or not len(static):
-            parts = [part for part in (x, static) if len(part)]
-            mean = np.concatenate([part @ w for part in parts])
-            return mean, _scatter(parts, mean, w)
-        a, n = len(x), len(x) + len(static)
-        mean, cov, shares = np.empty(n), np.empty((n, n)), np.add.reduceat(w, starts)
-        mean[:a], mean[a:] = x @ w, static @ shares
-        cov[:a, :a] = _scatter([x], mean[:a], w)
-        cov[a:, a:] = _scatter([static], mean[a:], shares)
-        sums = [np.add.reduceat(row * w, starts) - m * shares for row, m in zip(x, mean, strict=False)]
-        cov[:a, a:] = np.stack(sums) @ (static - mean[a:, np.newaxis]).T
-        cov[a:, :a] = cov[:a, a:].T
-        return mean, cov
-
-    def survivors(self, runs: int) -> Any:
-        """Return how many ancestors of time 0 each run has left."""
-        return np.bincount(self.starts * runs // len(self.group), minlength=runs)
-
-
 def run(
     problem: Problem,
     rngs: Sequence[np.random.Generator],
@@ -177,7 +89,7 @@ def run(
     means, covs = np.empty((N, runs, n)), np.empty((N, runs, n, n))
     log_evidence, ess = np.zeros((N, runs)), np.empty((N, runs))
     survivors: Any = np.empty((N, runs), dtype=np.int64)
-    cloud = _Cloud(laws, P, rngs)
+    cloud = Clones(laws, P, rngs)
     w, even = np.full((runs, P), 1 / P), np.log(1 / P)
     logs = np.full((runs, P), even)
     for k in range(N):
@@ -190,7 +102,7 @@ def run(
                 ancestors[tired] = of_strata(w[tired] / totals, np.array(shifts)) + P * tired[:, np.newaxis]
                 cloud.resample(ancestors.ravel())
                 logs[tired] = even
-            _make(steps[k - 1], cloud, laws, logs.ravel(), _normals(steps[k - 1].n_draws, P, rngs))
+            _make(steps[k - 1], cloud, laws, logs.ravel(), normals(steps[k - 1].n_draws, P, rngs))
             w, log_totals = _normalised(logs, k)
             logs -= log_totals[:, np.newaxis]
             log_evidence[k] = log_evidence[k - 1] + log_totals
@@ -217,12 +129,6 @@ def _normalised(logs: Array, k: int) -> tuple[Array, Array]:
     return scaled / total[:, np.newaxis], largest + np.log(total)
 
 
-def _normals(n_rows: int, n_particles: int, rngs: Sequence[np.random.Generator]) -> Array:
-    """Return the draws (n_rows, runs P), those of a run from its own generator."""
-    drawn = [rng.standard_normal((n_rows, n_particles)) for rng in rngs]
-    return drawn[0] if len(drawn) == 1 else np.concatenate(drawn, axis=1)
-
-
 def _steps(laws: Plan) -> list[_Step]:
     """Return the steps of a plan, made at the first call."""
     if laws not in _prepared:
@@ -245,32 +151,22 @@ def _steps(laws: Plan) -> list[_Step]:
     return _prepared[laws]
 
 
-def _make(step: _Step, cloud: _Cloud, laws: Plan, logs: Array, normals: Array) -> None:
+def _make(step: _Step, cloud: Clones, laws: Plan, logs: Array, drawn: Array) -> None:
     """Move and draw the particles in place, and add the logarithms of their likelihoods to `logs` (runs P,)."""
     shift = laws.B[: laws.n_moving, np.newaxis]
     expected = step.z - cloud.product(step.of_static, cloud.static)  # but for the active rows, and per ancestor
     alone = cloud.alone
-    for rows in _blocks(len(logs)):
+    for rows in blocks(len(logs)):
         x = cloud.x[:, rows]
         x[: len(shift)] = cloud.product(step.move, x[: step.move.shape[1]]) + shift
         if laws.draw_first:
-            _add(cloud, x, step.draw, normals[:, rows])
+            _add(cloud, x, step.draw, drawn[:, rows])
         y = expected[:, rows].copy() if alone else expected.take(cloud.group[rows], axis=1)
         _add(cloud, y, step.measure, x)
         logs[rows] += step.constant - np.einsum("ij,ij->j", y, y) / 2
         _add(cloud, x, step.correct, y)
         if not laws.draw_first:
-            _add(cloud, x, step.draw, normals[:, rows])
-
-
-def _blocks(n_particles: int) -> Sequence[slice]:
-    return [slice(start, min(start + BLOCK, n_particles)) for start in range(0, n_particles, BLOCK)]
-
-
-def _padded(n_rows: int, n_columns: int) -> Array:
-    """Return room for rows whose distance is no multiple of 512 doubles."""
-    width = n_columns + (PAD if n_columns % 512 < PAD else 0)
-    return np.zeros((n_rows, width))[:, :n_columns]
+            _add(cloud, x, step.draw, drawn[:, rows])
 
 
 def _terms(matrix: Array) -> list[Term]:
@@ -285,22 +181,6 @@ def _terms(matrix: Array) -> list[Term]:
     return found
 
 
-def _add(cloud: _Cloud, target: Array, terms: Sequence[Term], source: Array) -> None:
+def _add(cloud: Clones, target: Array, terms: Sequence[Term], source: Array) -> None:
     for rows, columns, matrix in terms:
         target[rows] += cloud.product(matrix, source[columns])
-
-
-def _scatter(parts: Sequence[Array], mean: Array, w: Array) -> Array:
-    """Return the weighted covariance of the rows of all parts about a mean."""
-    n, roots = len(mean), np.sqrt(w)
-    cov = np.zeros((n, n))
-    room = np.empty((n, BLOCK))
-    for rows in _blocks(len(w)):
-        centred, begin = room[:, : len(roots[rows])], 0
-        for part in parts:
-            end = begin + len(part)
-            np.subtract(part[:, rows], mean[begin:end, np.newaxis], out=centred[begin:end])
-            begin = end
-        centred *= roots[rows]
-        cov += centred @ centred.T
-    return cov

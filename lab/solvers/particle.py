@@ -9,8 +9,8 @@ Question answered: what do weighted samples say about p(x_k given z_1..z_k)?
 
 SIS never resamples, SIR does when the effective sample size has fallen.  ESS hides that the map degenerates, so each
 step also counts the distinct ancestors of time 0 still alive.  `particle_steps` is this loop to be read, and to be run
-with proposals and schemes of one's own; the filters below go through the same steps in `lab.solvers.blocked`, or compiled
-in `lab.fast`.  Source: questions 3, 4 and 6 of the handout; Doucet and Johansen (2009).
+with proposals and schemes of one's own; the filters below go through the same steps in `lab.solvers.blocked`, or
+compiled in `lab.fast`.  Source: questions 3, 4 and 6 of the handout; Doucet and Johansen (2009).
 """
 
 from collections.abc import Iterator

@@ -16,6 +16,7 @@ from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import blocked
 from lab.solvers.backends import is_compiled
+from lab.solvers.clones import FEW
 from lab.solvers.particle import GUIDED, RAO_BLACKWELLIZED, guided, rbpf, sir, sis
 from lab.solvers.proposals import prior
 from lab.solvers.protocol import Solver
@@ -41,7 +42,7 @@ def together(solver: Solver, n_particles: int) -> Together | None:
     """
     bound = isinstance(solver, partial) and not solver.args
     function: Any = solver.func if bound else solver  # type: ignore[attr-defined]
-    if function not in (sis, sir, guided, rbpf) or not FEWEST <= n_particles <= blocked.FEW:
+    if function not in (sis, sir, guided, rbpf) or not FEWEST <= n_particles <= FEW:
         return None
     options: dict[str, Any] = {"ess_threshold": 0.0, "resample": "systematic", "proposal": "prior"}
     options |= {
