@@ -333,7 +333,7 @@ def test_only_finished_runs_are_left_after_an_error(here, monkeypatch, where, er
 def test_a_solver_that_is_interrupted(here, monkeypatch, command):
     sis = SOLVERS["sis"]
 
-    def interrupted(problem, rng, *, n_particles):
+    def interrupted(problem, rng, *, n_particles, backend="numpy"):
         if n_particles > 1:  # the first call only tries the options
             raise KeyboardInterrupt
         return sis(problem, rng, n_particles=n_particles)
