@@ -90,6 +90,9 @@ def draw(table: pd.DataFrame, path: Path) -> None:
             words = "compiled" if backend == "numba" else "numpy"
             ax.plot(rows["size"], rows["ns"], marker=style.marker, label=f"{name}, {words}", **line)
         ax.set(xscale="log", yscale="log", xlabel=TITLES[what])
+        if what != "N":
+            ax.set_xticks(GROWTH[what], map(str, GROWTH[what]))
+            ax.minorticks_off()
         ax.grid(alpha=0.3, which="both")
     axes[0].set_ylabel("processor time per particle-step [ns]")
     legend_below(figure, axes[0])
