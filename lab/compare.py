@@ -33,7 +33,7 @@ from lab.progress import progress_bar
 from lab.result import Filtered
 from lab.solvers import Solver, check_filtered, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
-from lab.solvers.together import together
+from lab.solvers.together import prepare, together
 from lab.validation import InputError, whole_number
 
 SEED_BITS = 48  # a seed is written to CSV, and spreadsheets keep 15 digits
@@ -237,6 +237,7 @@ class Work:
     def _alone(self, unit: Unit) -> Record:
         problem = self.problems[unit.data_set]
         try:
+            prepare(self.solvers[unit.solver], unit.n_particles)
             with _threadpools().limit(limits=1):  # BLAS threads reorder sums: a last digit can flip a resampling
                 rng = np.random.default_rng(unit.seed)
                 start = time.perf_counter()

@@ -4,16 +4,27 @@ Question answered: what does a particle filter do for backend="numba"?  It hands
 room for the answer, and puts the rows of the state back in their order.  Called by `lab.solvers.particle`.
 """
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from lab import fast
-from lab.problem import Problem
+from lab.problem import LinearGaussianModel, Problem
 from lab.result import Filtered
 from lab.solvers.plan import plan
-from lab.solvers.proposals import GaussianProposal
+from lab.solvers.proposals import GaussianProposal, prior
 from lab.validation import InputError
+
+
+@cache
+def warm() -> None:
+    """Load the kernels, compiling them where they were never used: what the first run would wait for."""
+    model = LinearGaussianModel(np.eye(4), np.zeros(4), np.eye(4), np.zeros(4), np.eye(4))
+    nothing = np.full((2, 2), np.nan)
+    problem = Problem(model, nothing, np.full((2, 2, 4), np.nan), np.full((2, 2, 2), np.nan))
+    settings: dict[str, Any] = {"n_particles": 1, "ess_threshold": 0.0, "resample": "systematic"}
+    run(problem, np.random.default_rng(0), proposal=prior, **settings)
 
 
 def run(

@@ -14,7 +14,7 @@ import numpy as np
 
 from lab.problem import Problem
 from lab.result import Filtered
-from lab.solvers import blocked
+from lab.solvers import blocked, compiled
 from lab.solvers.backends import is_compiled
 from lab.solvers.clones import FEW
 from lab.solvers.particle import GUIDED, RAO_BLACKWELLIZED, guided, rbpf, sir, sis
@@ -23,6 +23,7 @@ from lab.solvers.protocol import Solver
 from lab.validation import InputError
 
 Together = Callable[[Problem, Sequence[np.random.Generator]], list[Filtered]]
+OURS = (sis, sir, guided, rbpf)
 FEWEST = 2  # particles: with one, sums take another order
 
 
@@ -40,23 +41,38 @@ def together(solver: Solver, n_particles: int) -> Together | None:
     function of problem and generators, or None
         Gives to the last digit what `solver` gives for each generator.
     """
-    bound = isinstance(solver, partial) and not solver.args
-    function: Any = solver.func if bound else solver  # type: ignore[attr-defined]
-    if function not in (sis, sir, guided, rbpf) or not FEWEST <= n_particles <= FEW:
+    function, given = _taken_apart(solver)
+    if function not in OURS or not FEWEST <= n_particles <= FEW:
         return None
     options: dict[str, Any] = {"ess_threshold": 0.0, "resample": "systematic", "proposal": "prior"}
     options |= {
         name: p.default for name, p in inspect.signature(function).parameters.items() if p.default is not p.empty
     }
-    options |= solver.keywords if bound else {}  # type: ignore[attr-defined]
+    options |= given
     proposals = {guided: GUIDED, rbpf: RAO_BLACKWELLIZED}.get(function, {"prior": prior})
     try:
-        compiled = is_compiled(options["backend"], n_particles, options["resample"])
+        elsewhere = is_compiled(options["backend"], n_particles, options["resample"])
     except InputError:
         return None
     share = options["ess_threshold"]
     known = options["proposal"] in proposals and options["resample"] in blocked.ASCENDING
-    if compiled or not known or not isinstance(share, int | float) or not 0 <= share <= 1:
+    if elsewhere or not known or not isinstance(share, int | float) or not 0 <= share <= 1:
         return None
     settings = {"ess_threshold": float(share), "resample": options["resample"], "n_particles": n_particles}
     return partial(blocked.run, proposal=proposals[options["proposal"]], **settings)
+
+
+def prepare(solver: Solver, n_particles: int) -> None:
+    """Load the kernels that a run of this solver needs, so that the time of the first run is its own."""
+    function, given = _taken_apart(solver)
+    if function in OURS and is_compiled(
+        given.get("backend", "numpy"), n_particles, given.get("resample", "systematic")
+    ):
+        compiled.warm()
+
+
+def _taken_apart(solver: Solver) -> tuple[Any, dict[str, Any]]:
+    """Return the function and the options that are bound to it."""
+    if isinstance(solver, partial) and not solver.args:
+        return solver.func, solver.keywords
+    return solver, {}
