@@ -9,7 +9,7 @@ from bank import CODES, HERE, RANDOM, chaff, chaffs, load, verdict_on_chaff, ver
 
 from lab import given
 from lab import weights as lab_weights
-from lab.checks import QUESTIONS, Verdict, check, exact, forms, naming, reference, worlds
+from lab.checks import QUESTIONS, Verdict, check, exact, forms, naming, reference, trials, worlds
 from lab.checks.inputs import cases
 from lab.checks.mistakes import CATALOGUE, mutants
 from lab.result import Filtered
@@ -186,7 +186,7 @@ def test_a_stub_is_not_answered_yet(key):
 
 
 def test_a_function_that_hangs_is_stopped(monkeypatch):
-    monkeypatch.setattr(exact, "SECONDS", 0.3)
+    monkeypatch.setattr(trials, "SECONDS", 0.3)
     monkeypatch.setattr(forms, "SECONDS", 0.3)
 
     def hangs(weights):
@@ -359,6 +359,22 @@ def test_advice_at_the_edges():
     verdict = exact.examine(next(q for q in QUESTIONS if q.key == "q6-step"), sir_step, lambda module, name: False)
     assert verdict.passed
     assert "The table says <=" in verdict.hint
+
+
+@pytest.mark.parametrize(("shifted", "said"), [("likelihoods", "Beside a particle of weight 0"), ("sum", "")])
+def test_advice_on_the_maximum_that_is_shifted_by(shifted, said):
+    """Of the log-likelihoods alone it is right until a particle without weight is 745 ahead of all others."""
+
+    def log_evidence_increment(weights, log_likelihoods):
+        shift = log_likelihoods.max()
+        if shifted == "sum":
+            shift = np.max(np.log(weights) + log_likelihoods)
+        return shift + np.log(np.sum(weights * np.exp(np.where(weights > 0, log_likelihoods - shift, 0))))
+
+    verdict = check("q4-evidence", log_evidence_increment)
+    assert verdict.passed, verdict
+    assert verdict.hint.startswith(said)
+    assert bool(verdict.hint) == bool(said)
 
 
 def test_two_mistakes_that_agree_are_both_named():

@@ -187,6 +187,13 @@ def test_right_wrong_and_missing(handed_in):
     assert (verdicts["q4-step"].answered, verdicts["q4-step"].passed) == (False, False)
 
 
+def test_a_name_that_was_mistyped_is_told(handed_in):
+    path = handed_in("a.py", ESS.replace("effective_sample_size", "efective_sample_size") + MOMENTS)
+    verdict = graded(path, "q5")["q5"]
+    assert verdict.reason == "There is no function effective_sample_size yet; did you mean efective_sample_size?"
+    assert not verdict.passed
+
+
 def test_an_answer_is_judged_with_right_helpers(handed_in):
     """Neither the wrong effective sample size nor the missing step fails the resampling."""
     path = handed_in("a.py", WRONG_ESS + SIR_STEP)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +23,7 @@ from lab.checks.questions import CODE, QUESTIONS, Question
 from lab.checks.submission import Submission
 from lab.checks.verdict import Verdict
 
+NEAR = 0.8  # likeness of two names, of which one may be meant for the other
 SECONDS, MEGABYTES = 150.0, 4096
 STARTING = 30.0  # seconds that a child may take before its work begins
 
@@ -225,6 +227,8 @@ def _judged(handed_in: Submission, key: str, stand_ins: tuple[str, ...], hung: t
     told = [fault for fault in loaded.faults if question.function in fault or not loaded.own]
     if answer is None and told:
         verdict = replace(verdict, reason=f"{question.function} could not be run: {told[0]}")
+    elif answer is None and (near := get_close_matches(question.function, sorted(loaded.own.keys() - names), 1, NEAR)):
+        verdict = replace(verdict, reason=f"{verdict.reason}; did you mean {near[0]}?")
     uses = tuple(sorted(guard.used_names(answer) & names))
     return Answer(verdict, uses, tuple(loaded.faults), tuple(loaded.hung))
 

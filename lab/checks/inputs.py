@@ -69,7 +69,7 @@ def _priors() -> list[Case]:
     return cases
 
 
-def uncertain_robot() -> Case:
+def uncertain_robot(key: str) -> Case:
     """Return the case of the older edition of the handout, whose robot is not known exactly at k = 0."""
     rng = np.random.default_rng(12)
     model = worlds.with_robot_prior(worlds.problems()["the handout's world"].model)
@@ -101,9 +101,9 @@ def _transitions() -> list[Case]:
     return cases
 
 
-def as_simulated() -> Case:
+def as_simulated(key: str) -> Case:
     """Return transitions whose landmarks move by the 1e-10 m of the original, which count as none."""
-    (case,) = [case for case in cases("q2b") if case.label == "the handout's world"]
+    (case,) = [case for case in cases(key) if case.label == "the handout's world"]
     rng = np.random.default_rng(14)
     moved = ((new + np.r_[0, 0, 1e-10 * rng.standard_normal(len(x) - 2)], x, model) for new, x, model in case.calls)
     return Case("landmarks that move by 1e-10 m", tuple(moved))
@@ -160,7 +160,7 @@ def _sir_steps() -> list[Case]:
     return cases
 
 
-def equality() -> Case:
+def equality(key: str) -> Case:
     """Return a cloud whose effective sample size is the threshold, to the digit."""
     moment = next(m for m in worlds.moments() if m.label.endswith("nothing seen"))
     x, _, noise = worlds.cloud(moment, 16, 81)
@@ -241,7 +241,7 @@ def _ancestors() -> list[Case]:
     ]
 
 
-def edges() -> Case:
+def edges(key: str) -> Case:
     """Return weights that sum to 1 but for rounding, none for the first particle, and points at both ends of [0, 1).
 
     They come once in 10^15 draws, so a function that fails here is not refused.
@@ -318,6 +318,22 @@ MAKERS: dict[str, Callable[[], Sequence[Case]]] = {
     "q10-step": _rbpf_steps,
     "q10-moments": _rbpf_moments,
 }
+
+
+def dead_favourite(key: str) -> Case:
+    """Return a step whose likeliest particle has weight 0, so far ahead that all others underflow beside it."""
+    if key == "q4-evidence":
+        weights, likelihoods = np.full(P, 1 / (P - 1)), np.random.default_rng(36).normal(-800, 3, P)
+        weights[0] = likelihoods[0] = 0
+        args = [weights, likelihoods]
+    else:
+        args = list(next(case for case in cases(key) if case.label.endswith("1 landmark seen")).calls[0])
+        which = 3 if key == "q10-step" else 1  # argument: the weights
+        args[0], args[which] = args[0].copy(), args[which].copy()
+        args[0][:2, 1:] += 40.0  # m
+        args[which][0] = 0
+        args[which] /= args[which].sum()
+    return Case("a particle of weight 0 is by far the likeliest", (tuple(args),))
 
 
 @cache
