@@ -14,7 +14,7 @@ import hashlib
 import inspect
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache, partial
@@ -31,14 +31,15 @@ from lab.metrics import Metrics, measure
 from lab.problem import Problem, require_problem
 from lab.progress import progress_bar
 from lab.result import Filtered
-from lab.solvers import Solver, check_filtered, kalman
+from lab.solvers import Solver, check_filtered, compiled, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
-from lab.solvers.together import prepare, together
+from lab.solvers.together import in_kernels, prepare, together
 from lab.validation import InputError, whole_number
 
 SEED_BITS = 48  # a seed is written to CSV, and spreadsheets keep 15 digits
 Batch = tuple[Unit, ...]  # of one solver, N and data set
 TOGETHER = 10  # runs in one call, where that pays
+LONG = 3000  # particles: a compiled run of less spends most of its time in Python
 OVERHEAD = 1000  # particles: a run costs about as much as this many more
 
 
@@ -70,7 +71,8 @@ def compare(
     seed : int
         Non-negative; from it come the seeds of all units.
     jobs : int
-        Worker processes; -1 for one per processor, 1 for none beside this one. No result but the seconds depends on it.
+        Runs at a time, in worker processes, or in threads where all are compiled; -1 for one per processor, 1 for none
+        beside this process. No result but the seconds depends on it.
     keep_moments : bool
         Keep the moments of all runs, not only of the first on the first data set.
     progress : bool
@@ -95,9 +97,9 @@ def compare(
         raise InputError(f"jobs must be at least 1, or -1 for one per processor, not {jobs!r}.")
     if not isinstance(solvers, Mapping) or not all(isinstance(label, str) for label in solvers):
         raise InputError('solvers must map labels to functions, as {"sir": sir}.')
-    if execute is None:
-        execute = execution.here if jobs == 1 else partial(execution.processes, jobs=jobs)
     units = plan(solvers, n_particles, runs=runs, seed=seed, data_sets=len(problems))
+    if execute is None:
+        execute = way_to_run(solvers, max(unit.n_particles for unit in units), jobs)
     exacts = tuple(map(kalman, problems))
     work = Work(problems, exacts, dict(solvers), keep_moments)
     done = {}
@@ -105,6 +107,7 @@ def compare(
         if progress:
             advance = stack.enter_context(progress_bar("comparing", sum(u.n_particles + OVERHEAD for u in units)))
         # long ones first: workers end together
+        stack.enter_context(_threadpools().limit(limits=1))  # here; each run asks for it where it is
         for records in execute(work, sorted(batches(units, solvers), key=lambda batch: -batch[0].n_particles), _lost):
             for record in records:
                 done[record.unit] = record
@@ -113,6 +116,45 @@ def compare(
                 if on_done:
                     on_done(record)
     return Comparison(problems, exacts, tuple(done[unit] for unit in units), designs(solvers))
+
+
+def way_to_run(solvers: Mapping[str, Solver], largest: int, jobs: int) -> Execute:
+    """Return the way to run `jobs` units at a time: threads where all that take long run in kernels, else processes.
+
+    Threads begin at once and load the kernels once; but a function that is not ours could take the process with it.
+
+    Parameters
+    ----------
+    solvers : mapping of str to Solver
+    largest : int
+        Number of particles.
+    jobs : int
+        -1 for one per processor.
+    """
+    if jobs == 1:
+        return execution.here
+    try:
+        in_threads = largest >= LONG and all(in_kernels(solver, LONG) for solver in solvers.values())
+    except InputError:  # which is for the run to say
+        in_threads = False
+    if not in_threads:
+        return partial(execution.processes, jobs=jobs)
+    return partial(_threads, jobs=jobs)  # type: ignore[return-value]
+
+
+def _threads(
+    work: Callable[[Batch], list[Record]],
+    items: Sequence[Batch],
+    lost: Callable[[Batch, str], list[Record]],
+    *,
+    jobs: int,
+) -> Iterator[list[Record]]:
+    """Run long batches in threads, then the others, each of which would wait for Python while another one has it."""
+    long = [batch for batch in items if batch[0].n_particles >= LONG]
+    if long:
+        compiled.warm()  # before two threads want to
+    yield from execution.threads(work, long, lost, jobs=jobs)
+    yield from map(work, [batch for batch in items if batch[0].n_particles < LONG])
 
 
 def plan(

@@ -1,4 +1,4 @@
-"""One function over many items: here or in worker processes, one result after the other.
+"""One function over many items: here, in threads or in worker processes, one result after the other.
 
 Question answered: who computes what, and what becomes of an item whose worker dies?  Every way yields results as they
 end, in no fixed order, and goes on when a worker is killed: that item's result is what `lost` makes of it.
@@ -14,7 +14,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
 from itertools import islice
 from typing import Any, Protocol, TypeVar
@@ -45,6 +45,22 @@ def here(
 ) -> Iterator[Result]:
     """Run one item after the other in this process, which nothing can outlive."""
     return map(function, items)
+
+
+def threads(
+    function: Callable[[Item], Result], items: Sequence[Item], lost: Callable[[Item, str], Result], *, jobs: int
+) -> Iterator[Result]:
+    """Run items in `jobs` threads of this process (-1: one per processor), which nothing can outlive.
+
+    For functions that leave Python alone most of the time: they start at once and share what they load.  One that is
+    stopped waits for the items under way.
+    """
+    pool = ThreadPoolExecutor(max_workers=_count(jobs))
+    try:
+        for future in as_completed([pool.submit(function, item) for item in items]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def processes(
@@ -78,7 +94,7 @@ def processes(
     except Exception as error:
         raise InputError(f"The work cannot be sent to other processes ({error}); run it in this one, jobs=1.") from None
     with _deaf_to_interrupts():
-        workers = [_Worker(function) for _ in range(min(joblib.cpu_count() if jobs == -1 else jobs, len(items)))]
+        workers = [_Worker(function) for _ in range(min(_count(jobs), len(items)))]
     try:
         running = {worker.submit(item): (worker, item) for worker, item in zip(workers, waiting, strict=False)}
         while running:
@@ -96,6 +112,10 @@ def processes(
     finally:
         for worker in workers:
             worker.kill()
+
+
+def _count(jobs: int) -> int:
+    return int(joblib.cpu_count()) if jobs == -1 else jobs
 
 
 _function: Callable[[Any], Any]  # of a worker process, where `_install` puts it

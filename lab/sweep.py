@@ -24,6 +24,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+from pyarrow import parquet
 
 from lab.compare import Batch
 from lab.comparison import Comparison, Record, Unit
@@ -114,7 +116,7 @@ class Unfinished:
         records = {}
         for part in self._parts():
             try:
-                record = _record(pd.read_parquet(part).iloc[0].to_dict())
+                record = _record(parquet.read_table(part).to_pylist()[0])
             except (OSError, ValueError, KeyError, IndexError, TypeError):
                 continue
             records[record.unit] = record
@@ -124,7 +126,7 @@ class Unfinished:
         """Write one record, unless its worker died: that is to be tried again."""
         if not record.died:
             with atomic_path(self.folder / _name(record.unit)) as path:
-                pd.DataFrame([_row(record)]).to_parquet(path, index=False)
+                parquet.write_table(pa.Table.from_pylist([_row(record)]), path)
 
     def _unusable(self, error: OSError) -> InputError:
         return InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.")

@@ -18,6 +18,8 @@ from scipy.stats import ks_2samp, kstest
 from test_proposals import PROPOSALS, coupled, cut, lost, mixed
 from worlds import WORLDS, problem, reference
 
+from lab import execution
+from lab.compare import LONG, compare, way_to_run
 from lab.solvers import compiled, guided, kalman, particle_steps, rbpf, sir, sis
 from lab.solvers.backends import WORTHWHILE
 from lab.validation import InputError
@@ -95,6 +97,19 @@ def test_a_run_depends_on_its_seed_and_not_on_its_thread():
         np.testing.assert_array_equal(one.means, two.means)
         np.testing.assert_array_equal(one.covs, two.covs)
     assert (alone[0].means[1:] != alone[1].means[1:]).any()
+
+
+def test_a_comparison_of_compiled_filters_runs_in_threads_to_the_same_numbers():
+    world, solvers = cut(reference(1).problem, 7), {"sir": partial(sir, backend="numba"), "sis": sis}
+    assert way_to_run(solvers, LONG, 2).func is execution.processes  # not all of them are compiled
+    solvers["sis"] = partial(sis, backend="auto")
+    assert way_to_run(solvers, LONG - 1, 2).func is execution.processes  # nothing takes long
+    assert way_to_run(solvers, LONG, 2).func is not execution.processes
+    assert way_to_run(solvers, LONG, 1) is execution.here
+    with_resampler = {"sir": partial(sir, backend="numba", resample=lambda weights, rng: None)}
+    assert way_to_run(with_resampler, LONG, 2).func is execution.processes
+    alone, shared = (compare(world, solvers, n_particles=[20, LONG], runs=3, jobs=jobs).runs for jobs in (1, 2))
+    assert shared.drop(columns="seconds").equals(alone.drop(columns="seconds"))
 
 
 def test_the_interpreter_goes_on_during_a_run():

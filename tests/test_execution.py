@@ -1,7 +1,8 @@
-"""Units in worker processes: every result once, deaths named, no worker left behind."""
+"""Units in worker processes and threads: every result once, deaths named, no worker left behind."""
 
 import os
 import signal
+import threading
 import time
 from functools import partial
 
@@ -60,6 +61,32 @@ class Counted:
 
 def test_here_is_this_process_in_the_given_order():
     assert list(execution.here(work, [3, 1], lost)) == [(9, os.getpid()), (1, os.getpid())]
+
+
+def test_threads_are_of_this_process_and_as_many_as_asked_for():
+    together = threading.Barrier(3, timeout=20)
+
+    def meet(item):
+        together.wait()
+        return item, threading.get_ident(), os.getpid()
+
+    results = list(execution.threads(meet, range(6), lost, jobs=3))
+    assert sorted(item for item, *_ in results) == [*range(6)]
+    assert len({thread for _, thread, _ in results}) == 3
+    assert {process for *_, process in results} == {os.getpid()}
+
+
+def test_what_a_thread_raises_is_raised_and_nothing_more_is_begun():
+    begun = []
+
+    def fail(item):
+        begun.append(item)
+        time.sleep(0.01)
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        list(execution.threads(fail, range(500), lost, jobs=1))
+    assert len(begun) < 500
 
 
 def test_a_death_loses_its_own_item_only():

@@ -39,7 +39,7 @@ def compare(
     runs: Annotated[int, typer.Option(metavar="R", help="Runs of each solver with each N on each data set.")] = 20,
     seed: Seed = 0,
     backend: Backend = "auto",
-    jobs: Annotated[int, typer.Option(metavar="J", help="Worker processes; -1 for one per processor.")] = 1,
+    jobs: Annotated[int, typer.Option(metavar="J", help="Runs at a time; -1 for one per processor.")] = 1,
     dask: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster whose scheduler is there instead.")
     ] = None,
@@ -77,7 +77,7 @@ def compare(
                 raise typer.Exit(1 if output.has_failures(out) else 0)
             output.earlier_files(out)  # refused now rather than after the work
             stack.enter_context(unfinished.begun(config))
-        with _execution(jobs, dask, named) as execute:
+        with _execution(jobs, dask, named, max(options.parse_particles(asked["particles"]))) as execute:
             comparison = _run(sources, named, asked, execute, unfinished)
         with output.deaf_reader():
             tables.print_comparison(comparison)
@@ -134,20 +134,23 @@ def _asked(context: typer.Context, unfinished: "Unfinished | None", *, resume: b
     return {name: asked[name] if name in given else recorded[name] for name in asked}
 
 
-def _execution(jobs: int, address: str | None, solvers: "dict[str, Solver]") -> "AbstractContextManager[Execute]":
+def _execution(
+    jobs: int, address: str | None, solvers: "dict[str, Solver]", largest: int
+) -> "AbstractContextManager[Execute]":
     """Return the way to run units; a student's function, which may end Python, never runs in this process."""
     from contextlib import nullcontext
     from functools import partial
 
     from lab import cluster, execution
+    from lab.compare import way_to_run
 
     if jobs < 1 and jobs != -1:
         raise InputError(f"--jobs must be at least 1, or -1 for one per processor, not {jobs}.")
     if address is not None:
         return cluster.connect(address, options.compiled_with(solvers))
-    if jobs == 1 and not options.student_files(solvers):
-        return nullcontext(execution.here)
-    return nullcontext(partial(execution.processes, jobs=jobs))
+    if options.student_files(solvers):
+        return nullcontext(partial(execution.processes, jobs=jobs))
+    return nullcontext(way_to_run(solvers, largest, jobs))
 
 
 def _run(

@@ -135,12 +135,24 @@ def find_ancestors(before: Any, n: int, ancestors: Any) -> None:
 
     A particle without places is overwritten by the next; the running maximum fills the places that follow.
     """
+    length = LANES // CHAINS
     for j in range(n + 1):
         ancestors[j] = 0
     for i in range(n):
-        ancestors[before[i]] = i
+        ancestors[np.uint64(before[i])] = i
     latest = ancestors[0]
-    for j in range(n):
+    whole = n - n % LANES
+    for start in range(0, whole, LANES):
+        for t in range(1, length):
+            for chain in range(CHAINS):
+                j = start + chain * length + t
+                ancestors[j] = max(ancestors[j], ancestors[j - 1])
+        for chain in range(CHAINS):
+            for t in range(length):
+                j = start + chain * length + t
+                ancestors[j] = max(ancestors[j], latest)
+            latest = ancestors[start + chain * length + length - 1]
+    for j in range(whole, n):
         latest = max(latest, ancestors[j])
         ancestors[j] = latest
 

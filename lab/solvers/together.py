@@ -2,7 +2,8 @@
 
 Question answered: which filters can share what numpy costs per call?  Those of this laboratory, run by numpy, with a
 resampling scheme whose ancestors ascend, and with so few particles that calls cost more than numbers.  A run's numbers
-do not depend on what runs beside it.  Called by `lab.compare`.
+do not depend on what runs beside it.  And which can share a process?  Those that run in kernels.  Called by
+`lab.compare`.
 """
 
 import inspect
@@ -64,11 +65,21 @@ def together(solver: Solver, n_particles: int) -> Together | None:
 
 def prepare(solver: Solver, n_particles: int) -> None:
     """Load the kernels that a run of this solver needs, so that the time of the first run is its own."""
-    function, given = _taken_apart(solver)
-    if function in OURS and is_compiled(
-        given.get("backend", "numpy"), n_particles, given.get("resample", "systematic")
-    ):
+    if in_kernels(solver, n_particles):
         compiled.warm()
+
+
+def in_kernels(solver: Solver, n_particles: int) -> bool:
+    """Whether a run is that of a compiled loop, which leaves Python to other threads.
+
+    Raises
+    ------
+    InputError
+        A backend that is unknown, or that cannot run this.
+    """
+    function, given = _taken_apart(solver)
+    backend, scheme = given.get("backend", "numpy"), given.get("resample", "systematic")
+    return function in OURS and is_compiled(backend, n_particles, scheme)
 
 
 def _taken_apart(solver: Solver) -> tuple[Any, dict[str, Any]]:
