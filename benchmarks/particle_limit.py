@@ -47,7 +47,7 @@ def weigh(logs, weights, totals):
 def take_moments(centred, weights, weighted, rows, part, second):
     """Sum the moments of some rows."""
     for _ in range(BLOCKS):
-        moments.weigh(centred, weights, weighted, rows, part)
+        moments.weigh(centred, weights, 0, weighted, rows, part)
         moments.products(centred, weighted, rows, second)
 
 
@@ -63,10 +63,13 @@ def stream(x, logs):
 
 
 @njit(nogil=True)
-def resample(logs, state, scratch, cumulative, ends, points, before, ancestors, new, old):
+def resample(even, weights, tops, state, scratch, ends, points, before, ancestors, new, old):
     """Draw ancestors and fetch them."""
     n = BLOCKS * LANES
-    offspring.resample(offspring.SYSTEMATIC, logs, 0.0, n, state, scratch, cumulative, ends, points, before, ancestors)
+    for b in range(BLOCKS):
+        for lane in range(LANES):
+            weights[b, lane] = even[b, lane]
+    offspring.resample(offspring.SYSTEMATIC, weights, tops, 0.0, n, state, scratch, ends, points, before, ancestors)
     for b in range(BLOCKS):
         block.fetch(new, old, ancestors, b, n, old.shape[1])
 
@@ -75,18 +78,19 @@ def parts() -> dict[str, Callable[[], object]]:
     """Return the acts to be timed, those of SIR with 2 rows and those of the RBPF with 12."""
     rng = np.random.default_rng(0)
     state, out = normals.seed(rng), np.empty((2, LANES))
-    logs, weights, totals = -rng.random((BLOCKS, LANES)), np.ones(LANES), np.zeros(2)
+    logs, weights, totals = -rng.random((BLOCKS, LANES)), np.ones((1, LANES)), np.zeros(2)
     centred, weighted = rng.standard_normal((15, LANES)), np.zeros((15, LANES))
     part, second = np.zeros(15), np.zeros((15, 15))
     n = BLOCKS * LANES
-    room = (np.empty((1, LANES)), np.empty((BLOCKS, LANES)), np.empty(BLOCKS + 1), np.empty(n + 1))
+    cloud_weights = (np.exp(logs), np.empty((BLOCKS, LANES)), np.zeros(BLOCKS))
+    room = (np.empty((1, LANES)), np.empty(BLOCKS + 1), np.empty(n + 1))
     counts = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32))
     acts = {"normals": partial(draw, state, out), "exp": partial(weigh, logs, weights, totals)}
     for name, rows in (("SIR", 2), ("RBPF", 12)):
         cloud, other = rng.standard_normal((BLOCKS, rows, LANES)), np.empty((BLOCKS, rows, LANES))
         acts[f"moments {name}"] = partial(take_moments, centred, weights, weighted, rows, part, second)
         acts[f"memory {name}"] = partial(stream, cloud, logs.copy())
-        acts[f"resampling {name}"] = partial(resample, logs, state, *room, *counts, other, cloud)
+        acts[f"resampling {name}"] = partial(resample, *cloud_weights, state, *room, *counts, other, cloud)
     return acts
 
 

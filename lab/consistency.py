@@ -17,10 +17,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from lab import gaussian
-from lab.gaussian import chi2_band
+from lab.gaussian import chi2_band, chi2_quantile
 from lab.problem import Experiment, Problem
 from lab.result import Filtered
 from lab.solvers import kalman
@@ -89,7 +89,7 @@ def ellipses_hold(filtered: Filtered, truth: Array, exact: Filtered, probability
             error, cov = _whiten(
                 exact.covs[k, block, block], truth[k, block] - filtered.means[k, block], filtered.covs[k, block, block]
             )
-            holds[k, i] = _mahalanobis(error, cov) <= (chi2.ppf(probability, len(error)) if len(error) else np.inf)
+            holds[k, i] = _mahalanobis(error, cov) <= (chi2_quantile(probability, len(error)) if len(error) else np.inf)
     return holds
 
 
@@ -185,7 +185,7 @@ def assess(
     result = pd.DataFrame(index=pd.Index(names, name="metric"))
     result["value"], result["se"] = table[names].mean(), errors[names]
     result["expected"] = [table[f"{name}_expected"].mean() for name in names]
-    half = chi2.ppf(level, 1) ** 0.5 * result["se"]
+    half = float(chi2_quantile(level, 1)) ** 0.5 * result["se"]
     result["low"], result["high"] = result["expected"] - half, result["expected"] + half
     return result
 
@@ -206,7 +206,7 @@ def _one(experiment: Experiment, truth: Array, filtered: Filtered) -> dict[str, 
         "landmark_ellipses": float(inside[:, 1:].mean()),
         "landmark_ellipses_expected": ELLIPSE,
         "corridors": float(within.mean()),
-        "corridors_expected": float(chi2.cdf(CORRIDOR**2, 1)),
+        "corridors_expected": float(chdtr(1, CORRIDOR**2)),
         "kl": float(kl_from_exact(filtered, exact)[1:].mean()),
         "kl_expected": float(expected_kl(error_dof, ess)[1:].mean()),
         "wasserstein": float(np.sqrt(np.mean(wasserstein_from_exact(filtered, exact)[1:] ** 2))),

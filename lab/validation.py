@@ -1,8 +1,8 @@
-"""What counts as an acceptable array, and the one exception that says why another one is not.
+"""What counts as an acceptable array; `InputError` says why another one is not.
 
 Question answered: may this value enter the laboratory?  numpy is lenient (``asarray`` takes text and drops imaginary
 parts), so type, dtype, shape and finiteness are looked at first and each has its own sentence, which names the field.
-Called by every type of floor 2 and by the solvers; the command line turns an `InputError` into one line and status 2.
+Called by every type of floor 2 and by the solvers.
 """
 
 from collections.abc import Sequence
@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.errors import InputError as InputError
+
 Array = NDArray[np.float64]
 
 SYMMETRY_TOLERANCE = 1e-9  # of the product of the two deviations: rounding of a file, not a modelling mistake
 PSD_TOLERANCE = 1e-9  # on the correlation scale, for the same reason
-
-
-class InputError(ValueError):
-    """Something given from outside cannot be used; the message is one sentence for a person."""
 
 
 def real_array(name: str, value: Any, shape: Sequence[int], *, finite: bool = True) -> Array:

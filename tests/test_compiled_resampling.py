@@ -16,17 +16,19 @@ class Room:
     def __init__(self, n, seed=0):
         self.n, blocks = n, -(-n // LANES)
         self.state = normals.seed(np.random.default_rng(seed))
-        self.logs = np.full((blocks, LANES), -np.inf)
-        self.work = (np.empty((1, LANES)), np.empty((blocks, LANES)), np.empty(blocks + 1), np.empty(n + 1))
+        self.weights, self.tops = np.zeros((blocks, LANES)), np.empty(blocks)
+        self.work = (np.empty((1, LANES)), np.empty(blocks + 1), np.empty(n + 1))
         self.before, self.ancestors = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32)
 
     def draw(self, scheme, weights):
-        """Return the ancestors; weights need not sum to 1."""
-        with np.errstate(divide="ignore"):
-            self.logs.ravel()[: self.n] = np.log(weights)
-        largest = float(self.logs.max())
-        found = (self.before, self.ancestors)
-        offspring.resample(offspring.SCHEMES[scheme], self.logs, largest, self.n, self.state, *self.work, *found)
+        """Return the ancestors; weights need not sum to 1, and are given relative to a top of each block's own."""
+        self.weights.ravel()[: self.n] = weights
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.tops[:] = np.log(self.weights.max(axis=1))
+            self.weights[:] = np.where(self.tops == -np.inf, 7, self.weights.T / np.exp(self.tops)).T
+        self.weights.ravel()[self.n :] = 0
+        given = (self.weights, self.tops, float(self.tops.max()), self.n, self.state)
+        offspring.resample(offspring.SCHEMES[scheme], *given, *self.work, self.before, self.ancestors)
         return self.ancestors[: self.n].copy()
 
 

@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 FLOORS = {
     "data_simulation": 0,
     "lab": 0,  # lab/__init__.py itself: every import of a module runs it, so it imports nothing
+    "lab.errors": 0,
     "lab.validation": 0,
     "lab.gaussian": 1,
     "lab.weights": 1,
@@ -54,6 +55,7 @@ FLOORS = {
 }
 # One way only, within a floor.
 SIDEWAYS = {
+    "lab.validation": {"lab.errors"},
     "lab.problem": {"lab.records"},  # Experiment.load and save
     "lab.sparse": {"lab.problem"},  # the same, with matrices
     "lab.simulation": {"lab.problem", "lab.sparse"},

@@ -16,7 +16,7 @@ from lab.cli.output import RunError, Stopped
 from lab.cli.release import release
 from lab.cli.run import run
 from lab.cli.simulate import simulate
-from lab.validation import InputError
+from lab.errors import InputError
 
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lab.cli.options import OutputFolder, a_path
-from lab.validation import InputError, whole_number
+from lab.errors import InputError
 
 if TYPE_CHECKING:
     from lab.checks.grading import Graded
@@ -40,6 +40,7 @@ def check(
     from lab.checks import submission
     from lab.checks.grading import Limits
     from lab.cli import output
+    from lab.validation import whole_number
 
     found = submission.find(path)
     chosen = _chosen(questions)

@@ -8,7 +8,7 @@ import typer
 
 from lab.cli import options
 from lab.cli.options import Backend, ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
-from lab.validation import InputError
+from lab.errors import InputError
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager

@@ -8,7 +8,7 @@ import typer
 
 from lab.cli import ekf_slam_data as recorded
 from lab.cli.options import OutputFolder, Seed, a_path
-from lab.validation import InputError
+from lab.errors import InputError
 
 if TYPE_CHECKING:
     from lab.ekfslam.app import Demo

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lab.cli.options import a_path
-from lab.validation import InputError
+from lab.errors import InputError
 
 if TYPE_CHECKING:
     from lab.ekfslam.app_data import Choices, Loaded, Outcome

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lab.validation import InputError, whole_number
+from lab.errors import InputError
 
 if TYPE_CHECKING:
     from data_simulation import Scenario, Simulation
@@ -82,6 +82,7 @@ def simulate_scenario(name: str, seed: int) -> "Simulation":
         The scenario is not known, or the seed is negative.
     """
     from data_simulation import data_simulation
+    from lab.validation import whole_number
 
     return data_simulation(scenario=scenario_named(name), rng=whole_number("--seed", seed, at_least=0))
 
@@ -142,6 +143,8 @@ def parse_particles(text: str) -> list[int]:
     InputError
         One of them is not a whole number of at least 1.
     """
+    from lab.validation import whole_number
+
     sizes = []
     for part in text.split(","):
         try:

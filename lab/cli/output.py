@@ -17,7 +17,7 @@ from typing import Any
 from rich.console import Console
 
 import lab
-from lab.validation import InputError
+from lab.errors import InputError
 
 CONFIG = "config.json"
 PROGRAM = "slam-lab"

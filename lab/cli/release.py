@@ -28,8 +28,8 @@ def release(
 ) -> None:
     """Derive notebooks/ from solutions/, for instructors."""
     from lab.cli import output
+    from lab.errors import InputError
     from lab.release import find_course, write_bundle
-    from lab.validation import InputError
 
     if check and (execute or student is not None):
         raise InputError("--check writes nothing, so it goes with no other option.")
@@ -52,8 +52,8 @@ def release(
 
 
 def _execute(course: "Course", only: str) -> None:
+    from lab.errors import InputError
     from lab.release import execute
-    from lab.validation import InputError
 
     chosen = [path for path in course.solutions if path.name.startswith(only)]
     if not chosen:

@@ -7,7 +7,7 @@ import typer
 
 from lab.cli import options
 from lab.cli.options import Backend, ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
-from lab.validation import InputError, whole_number
+from lab.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,6 +37,7 @@ def run(
 ) -> None:
     """Run one filter once and show where it is, and how far from exact."""
     from lab.cli import output, tables
+    from lab.validation import whole_number
 
     source = options.load_experiment(experiment, scenario, seed, landmark_noise)
     whole_number("The number of particles", particles, at_least=1)

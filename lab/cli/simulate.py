@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from lab.cli.options import DEFAULT_SCENARIO, a_path, scenario_named, simulate_scenario
-from lab.validation import InputError
+from lab.errors import InputError
 
 
 def simulate(

@@ -2,7 +2,7 @@
 
 Question answered: which landmark does a measurement belong to?
 
-    compatible   z' Z^-1 z <= chi2.ppf(p, dof): 9.21 at 99 % for two components, 6.63 for one; not "9 for everything"
+    compatible   z' Z^-1 z <= chi2(p, dof): 9.21 at 99 % for two components, 6.63 for one; not "9 for everything"
     nearest      one to one, least sum of z' Z^-1 z, by assignment
     jcbb         the most pairs that are JOINTLY compatible, branch and bound: errors of the robot's pose move all
                  measurements together, which the cross-covariances know and single gates do not
@@ -17,12 +17,12 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import chi2
 
 from lab.ekfslam.entities import Landmark, Observation, Robot
 from lab.ekfslam.map import Map
 from lab.ekfslam.mapspace import Rows
 from lab.ekfslam.sensor import Sensor
+from lab.gaussian import chi2_quantile
 from lab.validation import Array, InputError
 
 PROBABILITY = 0.99
@@ -35,7 +35,7 @@ def gate(dof: int, probability: float = PROBABILITY) -> float:
     """Return the value that chi-square with `dof` degrees of freedom exceeds with probability 1 - `probability`."""
     if not 0 < probability < 1:
         raise InputError(f"The probability of a gate must lie strictly between 0 and 1, not {probability}.")
-    return float(chi2.ppf(probability, dof))
+    return float(chi2_quantile(probability, dof))
 
 
 def compatible(observation: Observation, probability: float = PROBABILITY) -> bool:

@@ -10,7 +10,7 @@ Source: J. Solà (2014), appendix on uncertainty ellipsoids, functions ``cov2ell
 """
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from lab.validation import Array, InputError, whole_number
 
@@ -54,4 +54,4 @@ def mahalanobis(x: Array, m: Array, P: Array) -> float:
 
 def sigma_probabilities(dimension: int, n: tuple[float, ...] = (1, 2, 3, 4)) -> Array:
     """Return the probability that the ellipsoid of n sigmas holds, for each n, in this dimension."""
-    return np.asarray(chi2.cdf(np.square(n), whole_number("dimension", dimension, at_least=1)))
+    return np.asarray(chdtr(whole_number("dimension", dimension, at_least=1), np.square(n)))

@@ -111,11 +111,11 @@ def largest_of(logs: Array, b: int) -> Any:
 def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Array) -> Any:
     """Set the weights of block b relative to `largest`, add them and their squares to the totals, return their sum."""
     for lane in range(LANES):
-        weights[lane] = exp(logs[b, lane] - largest)
+        weights[b, lane] = exp(logs[b, lane] - largest)
     total = squares = 0.0
     for lane in range(LANES):
-        total += weights[lane]
-        squares += weights[lane] * weights[lane]
+        total += weights[b, lane]
+        squares += weights[b, lane] * weights[b, lane]
     totals[0] += total
     totals[1] += squares
     return total

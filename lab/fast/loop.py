@@ -140,10 +140,11 @@ def build(sources: int) -> Any:
         static, rows = np.zeros((blocks, n_static, LANES)), np.zeros((n_static, LANES))
         starts, n_groups = np.arange(n + 1).astype(np.int32), n
         before, ancestors = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32)
-        cumulative, ends, points = np.empty((blocks, LANES)), np.empty(blocks + 1), np.empty(n + 1)
+        weights, tops = np.zeros((blocks, LANES)), np.empty(blocks)
+        ends, points = np.empty(blocks + 1), np.empty(n + 1)
         n_draws = max(spread.shape[2], spread_0.shape[1])
         noise, y = np.empty((n_draws + 2, LANES)), np.empty((z.shape[1] + 1, LANES))
-        scratch, weights = np.empty((n_moving + 1, LANES)), np.empty(LANES)
+        scratch = np.empty((n_moving + 1, LANES))
         centred, weighted = np.zeros((d + TILE, LANES)), np.zeros((d + TILE, LANES))
         centre, shared, wanted = m0.copy(), np.empty(n_static), np.zeros(n_static, np.bool_)
         totals, part = np.zeros(2), np.zeros(d + TILE)
@@ -163,7 +164,7 @@ def build(sources: int) -> Any:
             resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
             collapsed = k > 0 and ess[k - 1] < COLLAPSED
             if resampled:
-                resample(scheme, logs, largest, n, state, scratch, cumulative, ends, points, before, ancestors)
+                resample(scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)
                 n_groups = regroup(starts, n_groups, before, static, n)
                 fill_even(logs, n, even)
                 log_total = 0.0
@@ -207,7 +208,9 @@ def build(sources: int) -> Any:
                             if not collapsed:
                                 rescale(math.exp(largest - top), totals, first, second)
                             largest, heaviest = top, b
+                    tops[b] = -np.inf
                     if summed and largest > -np.inf:
+                        tops[b] = largest
                         total = weights_of(logs, b, largest, weights, totals)
                         add_moments(
                             *(x, rows, weights, total, static, starts, n_groups, group, groups, b, centre, a),

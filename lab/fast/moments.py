@@ -19,12 +19,12 @@ TILE = 3
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
-def weigh(centred: Array, weights: Array, weighted: Array, n_rows: int, part: Array) -> None:
-    """Set weighted = w * centred, and `part` to the sums of its rows."""
+def weigh(centred: Array, weights: Array, b: int, weighted: Array, n_rows: int, part: Array) -> None:
+    """Set weighted = w * centred with the weights of block b, and `part` to the sums of its rows."""
     for i in range(n_rows):
         total = 0.0
         for lane in range(LANES):
-            value = weights[lane] * centred[i, lane]
+            value = weights[b, lane] * centred[i, lane]
             weighted[i, lane] = value
             total += value
         part[i] = total
@@ -69,11 +69,11 @@ def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> Non
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
-def sum_segment(weights: Array, weighted: Array, n_active: int, low: int, high: int, part: Array) -> float:
-    """Return the sum of the weights of a group, lanes low..high - 1, and set `part` to the sums of its rows."""
+def sum_segment(weights: Array, b: int, weighted: Array, n_active: int, low: int, high: int, part: Array) -> float:
+    """Return the sum of the weights of a group, lanes low..high - 1 of block b; set `part` to the sums of its rows."""
     total = 0.0
     for lane in range(low, high):
-        total += weights[lane]
+        total += weights[b, lane]
     for i in range(n_active):
         value = 0.0
         for lane in range(low, high):

@@ -29,31 +29,32 @@ EPS = 2.0**-52
 
 
 @njit(error_model="numpy", fastmath={"contract"}, nogil=True)
-def cumulate(log_weights: Array, largest: float, cumulative: Array, ends: Array) -> int:
-    """Fill `cumulative` (blocks, LANES) with sums of weights from each block's start, `ends` with sums of whole blocks.
+def cumulate(weights: Array, tops: Array, largest: float, ends: Array) -> int:
+    """Turn weights into their sums from each block's start, and fill `ends` with the sums of whole blocks.
 
     Returns
     -------
     int
-        The last particle of positive weight; weights are exp(log_weights - largest).
+        The last particle of positive weight.
     """
     length = LANES // CHAINS
     last = 0
-    for b in range(len(cumulative)):
+    for b in range(len(weights)):
+        scale = exp(tops[b] - largest)
         for lane in range(LANES):
-            cumulative[b, lane] = exp(log_weights[b, lane] - largest)
+            weights[b, lane] *= scale
         for lane in range(LANES):
-            if cumulative[b, LANES - 1 - lane] > 0:
+            if weights[b, LANES - 1 - lane] > 0:
                 last = b * LANES + LANES - 1 - lane
                 break
         for t in range(1, length):
             for chain in range(CHAINS):
-                cumulative[b, chain * length + t] += cumulative[b, chain * length + t - 1]
-        total = cumulative[b, length - 1]
+                weights[b, chain * length + t] += weights[b, chain * length + t - 1]
+        total = weights[b, length - 1]
         for chain in range(1, CHAINS):
             for t in range(length):
-                cumulative[b, chain * length + t] += total
-            total = cumulative[b, chain * length + length - 1]
+                weights[b, chain * length + t] += total
+            total = weights[b, chain * length + length - 1]
         ends[b + 1] = ends[b] + total
     return last
 
@@ -160,12 +161,12 @@ def find_ancestors(before: Any, n: int, ancestors: Any) -> None:
 @njit(error_model="numpy", nogil=True)
 def resample(
     scheme: int,
-    log_weights: Array,
+    weights: Array,
+    tops: Array,
     largest: float,
     n: int,
     state: Any,
     scratch: Array,
-    cumulative: Array,
     ends: Array,
     points: Array,
     before: Any,
@@ -177,29 +178,32 @@ def resample(
     ----------
     scheme : int
         One of SCHEMES.
-    log_weights : (blocks, LANES) array
-        -inf in the lanes beyond the n particles.
+    weights : (blocks, LANES) array
+        Finite, 0 in the lanes beyond the n particles; those of block b are to be multiplied by exp(tops[b] - largest).
+        They are overwritten by sums.
+    tops : (blocks,) array
+        -inf for a block without weight.
     largest : float
         The largest of them.
     n : int
         N particles.
     state : (4, LANES) array
         Of the random stream.
-    scratch, cumulative, ends, points : (2, LANES), (blocks, LANES), (blocks + 1,), (n + 1,) array
+    scratch, ends, points : (2, LANES), (blocks + 1,), (n + 1,) array
     before, ancestors : (n + 1,), (n + 1,) array of int
     """
     ends[0] = 0.0
-    last = cumulate(log_weights, largest, cumulative, ends)
+    last = cumulate(weights, tops, largest, ends)
     for i in range(n + 1):
         before[i] = 0
     if scheme == SYSTEMATIC:
-        systematic(cumulative, ends, n, state, scratch, before)
+        systematic(weights, ends, n, state, scratch, before)
     elif scheme == STRATIFIED:
-        stratified(cumulative, ends, n, state, scratch, points, before)
+        stratified(weights, ends, n, state, scratch, points, before)
     else:
-        copies = keep_copies(cumulative, ends, n, before) if scheme == RESIDUAL else 0
+        copies = keep_copies(weights, ends, n, before) if scheme == RESIDUAL else 0
         if copies < n:
-            multinomial(cumulative, ends, n, n - copies, state, scratch, points, before)
+            multinomial(weights, ends, n, n - copies, state, scratch, points, before)
     # rounding may leave the sum short of the last point
     for i in range(last + 1, n + 1):
         before[i] = n

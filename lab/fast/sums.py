@@ -57,7 +57,7 @@ def add_moments(
     for i in range(n_rows, n_rows + (-n_rows) % TILE):
         for lane in range(LANES):
             centred[i, lane] = weighted[i, lane] = 0.0
-    weigh(centred, weights, weighted, n_rows, part)
+    weigh(centred, weights, b, weighted, n_rows, part)
     for i in range(n_rows):
         first[i] += part[i]
     products(centred, weighted, n_rows, second)
@@ -68,7 +68,7 @@ def add_moments(
             for j in range(n - n_active):
                 shared[j] = static[g // LANES, j, g % LANES] - centre[n_active + j]
             if groups > 1:
-                total = sum_segment(weights, weighted, n_active, low, high, part)
+                total = sum_segment(weights, b, weighted, n_active, low, high, part)
             add_shared(total, part, n_active, shared, first, second)
 
 

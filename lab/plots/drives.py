@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from scipy.stats import chi2
 
 from lab.ekfslam.alignment import apply
 from lab.ekfslam.uncertainty import cov2elli
+from lab.gaussian import chi2_quantile
 from lab.plots.style import TRUTH, look, wrapped
 from lab.validation import Array
 
@@ -116,7 +116,7 @@ def draw_charts(ax: Axes, charts: Sequence[Chart], *, aligned: bool = False) -> 
 
 def draw_nees(ax: Axes, ways: Sequence[Way]) -> Axes:
     """Draw each pose's NEES over the noted steps, in log, above the 95 % band of one consistent filter."""
-    low, high = chi2.ppf(LEVEL, POSE)
+    low, high = chi2_quantile(np.array(LEVEL), POSE)
     ax.axhspan(low, high, color=BAND, label=HONEST)
     for i, way in enumerate(ways):
         ax.plot(way.nees, linewidth=0.8, label=wrapped(way.label), **look(i).line())
@@ -138,7 +138,7 @@ def draw_nis(ax: Axes, ways: Sequence[Way]) -> Axes:
     seen = dof > 0
     middles, nis, dof = ((edges[:-1] + edges[1:]) / 2)[seen], nis[seen], dof[seen]
     if len(dof):
-        low, high = (chi2.ppf(p, dof) / dof for p in LEVEL)
+        low, high = (chi2_quantile(p, dof) / dof for p in LEVEL)
         ax.fill_between(middles, low, high, color=BAND, linewidth=0, label=HONEST)
     label = wrapped(ways[0].label) if len(ways) == 1 else "all robots"
     ax.plot(middles, nis / dof, marker=".", color="black", linewidth=1, label=label)

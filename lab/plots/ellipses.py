@@ -1,6 +1,6 @@
 """Confidence ellipses: where a Gaussian's mass is, in two dimensions.
 
-    (x - mean)' cov^-1 (x - mean) <= chi2.ppf(probability, 2)
+    (x - mean)' cov^-1 (x - mean) <= chi2(probability, 2)
 
 For 99 % the radius is sqrt(9.21) = 3.035 deviations; "3 sigma" would be 98.9 %.  Source: the handout's `ellipse`.
 """
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
-from scipy.stats import chi2
 
+from lab.gaussian import chi2_quantile
 from lab.validation import Array, InputError, check_covariance, real_array
 
 
@@ -47,7 +47,7 @@ def ellipse(ax: Axes, mean: Array, cov: Array, *, color: Any, probability: float
         raise InputError(f"probability must lie strictly between 0 and 1, not {probability}.")
     # eigh and not eig: the handout's blocks are circles to rounding, where eig's axes are oblique or complex
     variances, axes = np.linalg.eigh((cov + cov.T) / 2)
-    minor, major = 2 * np.sqrt(chi2.ppf(probability, df=2) * np.maximum(variances, 0))
+    minor, major = 2 * np.sqrt(chi2_quantile(probability, 2) * np.maximum(variances, 0))
     angle = np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))
     patch = Ellipse((mean[0], mean[1]), major, minor, angle=angle)
     patch.set_facecolor((color, 0.2))

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol, overload
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from lab import gaussian
 from lab.problem import Problem, require_problem
@@ -142,6 +141,8 @@ def _structured_steps(problem: SparseProblem) -> Iterator[tuple[Moments, float]]
 
 def _dense(problem: Problem | SparseProblem) -> Iterator[tuple[Moments, float]]:
     """Run FilterPy's predict and update over whole matrices."""
+    from filterpy.kalman import KalmanFilter  # brings scipy.stats, a second that no worker process needs
+
     problem = problem.dense() if isinstance(problem, SparseProblem) else problem
     model = problem.model
     n = len(model.m0)
