@@ -52,6 +52,13 @@ def take_moments(centred, weights, weighted, rows, part, second):
 
 
 @njit(nogil=True)
+def take_moments_of_points(x, centre, weights, part, second):
+    """Sum the moments of two rows, which need no room."""
+    for _ in range(BLOCKS):
+        moments.point_in_plane(x, 0, centre, weights, part, second)
+
+
+@njit(nogil=True)
 def stream(x, logs):
     """Read and write a cloud once."""
     for b in range(BLOCKS):
@@ -89,6 +96,8 @@ def parts() -> dict[str, Callable[[], object]]:
     for name, rows in (("SIR", 2), ("RBPF", 12)):
         cloud, other = rng.standard_normal((BLOCKS, rows, LANES)), np.empty((BLOCKS, rows, LANES))
         acts[f"moments {name}"] = partial(take_moments, centred, weights, weighted, rows, part, second)
+        if rows == 2:  # one pass
+            acts[f"moments {name}"] = partial(take_moments_of_points, cloud, np.zeros(2), weights, part, second)
         acts[f"memory {name}"] = partial(stream, cloud, logs.copy())
         acts[f"resampling {name}"] = partial(resample, *cloud_weights, state, *room, *counts, other, cloud)
     return acts

@@ -80,9 +80,15 @@ def weigh_by_measurement(
 ) -> None:
     """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b."""
     for r in range(p):
-        for lane in range(LANES):
-            y[r, lane] = z[r]
-        for j in range(H.shape[1]):
+        z_r, done = z[r], 0
+        if n_active == 2:  # a point in the plane, in one pass
+            h0, h1, done = H[r, 0], H[r, 1], 2
+            for lane in range(LANES):
+                y[r, lane] = z_r - h0 * x[b, 0, lane] - h1 * x[b, 1, lane]
+        else:
+            for lane in range(LANES):
+                y[r, lane] = z_r
+        for j in range(done, H.shape[1]):
             factor = H[r, j]
             if factor != 0.0 and j < n_active:
                 for lane in range(LANES):
@@ -90,21 +96,28 @@ def weigh_by_measurement(
             elif factor != 0.0:
                 for lane in range(LANES):
                     y[r, lane] -= factor * rows[j - n_active, lane]
-    for lane in range(LANES):
-        logs[b, lane] += constant
-    for r in range(p):
+    if p == 0:
         for lane in range(LANES):
-            logs[b, lane] -= 0.5 * y[r, lane] * y[r, lane]
+            logs[b, lane] += constant
+    for r in range(p):
+        added = constant if r == 0 else 0.0
+        for lane in range(LANES):
+            logs[b, lane] += added - 0.5 * y[r, lane] * y[r, lane]
 
 
 @njit(error_model="numpy", fastmath={"reassoc", "nsz", "nnan"}, nogil=True)
 def largest_of(logs: Array, b: int) -> Any:
-    """Return the largest log-weight of block b."""
-    largest = logs[b, 0]
-    for lane in range(LANES):
-        value = logs[b, lane]
-        largest = value if value > largest else largest
-    return largest
+    """Return the largest log-weight of block b; four at a time, since each comparison waits for the one before."""
+    top0, top1, top2, top3 = logs[b, 0], logs[b, 1], logs[b, 2], logs[b, 3]
+    for lane in range(0, LANES, 4):
+        v0, v1, v2, v3 = logs[b, lane], logs[b, lane + 1], logs[b, lane + 2], logs[b, lane + 3]
+        top0 = v0 if v0 > top0 else top0
+        top1 = v1 if v1 > top1 else top1
+        top2 = v2 if v2 > top2 else top2
+        top3 = v3 if v3 > top3 else top3
+    top0 = top1 if top1 > top0 else top0
+    top2 = top3 if top3 > top2 else top2
+    return top2 if top2 > top0 else top0
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)

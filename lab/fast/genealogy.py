@@ -9,6 +9,7 @@ Called by `lab.fast.loop`.
 
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from lab.fast.normals import LANES
@@ -40,8 +41,9 @@ def lay_out(rows: Array, static: Array, starts: Any, n_groups: int, group: int, 
             rows[j, lane] = static[b, j, lane]
         return
     for g in range(group, group + groups):
-        low = max(starts[g] - b * LANES, 0)
-        high = min(starts[g + 1] - b * LANES, LANES) if g + 1 < n_groups else LANES
+        # without a sign: where it could be negative, numba asks at every lane
+        low = np.uint64(max(starts[g] - b * LANES, 0))
+        high = np.uint64(min(starts[g + 1] - b * LANES, LANES) if g + 1 < n_groups else LANES)
         value = static[g // LANES, j, g % LANES]
         for lane in range(low, high):
             rows[j, lane] = value

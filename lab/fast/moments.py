@@ -10,6 +10,9 @@ c is any point near the mean; what is lost by one that is not near enough is for
 Called by `lab.fast.loop`.
 """
 
+from typing import Any
+
+import numpy as np
 from numba import njit
 
 from lab.fast.normals import LANES
@@ -57,6 +60,25 @@ def _tile(centred: Array, weighted: Array, i: int, j: int, second: Array) -> Non
     second[i + 2, j + 2] += s22
 
 
+@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+def point_in_plane(x: Array, b: int, centre: Array, weights: Array, part: Array, second: Array) -> None:
+    """Do at once what `weigh` and `products` do, for the two rows of block b, and keep no product."""
+    c0, c1 = centre[0], centre[1]
+    s0 = s1 = s00 = s01 = s11 = 0.0
+    for lane in range(LANES):
+        d0, d1 = x[b, 0, lane] - c0, x[b, 1, lane] - c1
+        w0, w1 = weights[b, lane] * d0, weights[b, lane] * d1
+        s0 += w0
+        s1 += w1
+        s00 += w0 * d0
+        s01 += w0 * d1
+        s11 += w1 * d1
+    part[0], part[1] = s0, s1
+    second[0, 0] += s00
+    second[0, 1] += s01
+    second[1, 1] += s11
+
+
 @njit(error_model="numpy", nogil=True)
 def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> None:
     """Add sum w (x - c)(x - c)' to the tiles of `second` on and above the diagonal.
@@ -69,7 +91,7 @@ def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> Non
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
-def sum_segment(weights: Array, b: int, weighted: Array, n_active: int, low: int, high: int, part: Array) -> float:
+def sum_segment(weights: Array, b: int, weighted: Array, n_active: int, low: Any, high: Any, part: Array) -> float:
     """Return the sum of the weights of a group, lanes low..high - 1 of block b; set `part` to the sums of its rows."""
     total = 0.0
     for lane in range(low, high):
@@ -85,12 +107,13 @@ def sum_segment(weights: Array, b: int, weighted: Array, n_active: int, low: int
 @njit(error_model="numpy", fastmath={"contract"}, nogil=True)
 def add_shared(total: float, part: Array, n_active: int, shared: Array, first: Array, second: Array) -> None:
     """Add what a group contributes with the rows, from `n_active` on, that its particles share: values minus c."""
-    n = n_active + len(shared)
-    for i in range(n_active):
-        for j in range(n_active, n):
-            second[i, j] += part[i] * shared[j - n_active]
-    for i in range(n_active, n):
-        value = total * shared[i - n_active]
-        first[i] += value
-        for j in range(i, n):
-            second[i, j] += value * shared[j - n_active]
+    # without a sign: where an index could be negative, numba asks each time
+    start, n_shared = np.uint64(n_active), np.uint64(len(shared))
+    for i in range(start):
+        for j in range(n_shared):
+            second[i, start + j] += part[i] * shared[j]
+    for i in range(n_shared):
+        value = total * shared[i]
+        first[start + i] += value
+        for j in range(i, n_shared):
+            second[start + i, start + j] += value * shared[j]

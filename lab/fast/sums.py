@@ -12,9 +12,10 @@ Called by `lab.fast.loop`.
 
 from typing import Any
 
+import numpy as np
 from numba import njit
 
-from lab.fast.moments import TILE, add_shared, products, sum_segment, weigh
+from lab.fast.moments import TILE, add_shared, point_in_plane, products, sum_segment, weigh
 from lab.fast.normals import LANES
 from lab.validation import Array
 
@@ -47,24 +48,27 @@ def add_moments(
     """Add what block b contributes to sum w (x - c) and sum w (x - c)(x - c)'."""
     n = len(centre)
     dense = groups > DENSE
-    for i in range(n_active):
-        for lane in range(LANES):
-            centred[i, lane] = x[b, i, lane] - centre[i]
     n_rows = n if dense else n_active
-    for i in range(n_active, n_rows):
-        for lane in range(LANES):
-            centred[i, lane] = rows[i - n_active, lane] - centre[i]
-    for i in range(n_rows, n_rows + (-n_rows) % TILE):
-        for lane in range(LANES):
-            centred[i, lane] = weighted[i, lane] = 0.0
-    weigh(centred, weights, b, weighted, n_rows, part)
+    if n_rows == 2 and groups == 1:
+        point_in_plane(x, b, centre, weights, part, second)
+    else:
+        for i in range(n_active):
+            for lane in range(LANES):
+                centred[i, lane] = x[b, i, lane] - centre[i]
+        for i in range(n_active, n_rows):
+            for lane in range(LANES):
+                centred[i, lane] = rows[i - n_active, lane] - centre[i]
+        for i in range(n_rows, n_rows + (-n_rows) % TILE):
+            for lane in range(LANES):
+                centred[i, lane] = weighted[i, lane] = 0.0
+        weigh(centred, weights, b, weighted, n_rows, part)
+        products(centred, weighted, n_rows, second)
     for i in range(n_rows):
         first[i] += part[i]
-    products(centred, weighted, n_rows, second)
     if not dense and n_active < n:
         for g in range(group, group + groups):
-            low = max(starts[g] - b * LANES, 0)
-            high = min(starts[g + 1] - b * LANES, LANES) if g + 1 < n_groups else LANES
+            low = np.uint64(max(starts[g] - b * LANES, 0))
+            high = np.uint64(min(starts[g + 1] - b * LANES, LANES) if g + 1 < n_groups else LANES)
             for j in range(n - n_active):
                 shared[j] = static[g // LANES, j, g % LANES] - centre[n_active + j]
             if groups > 1:
