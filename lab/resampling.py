@@ -14,6 +14,7 @@ weight zero is never taken.  Source: question 6 of the handout; Douc, Cappe and 
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from lab.validation import Array, InputError
 
 Ancestors = NDArray[np.intp]
 UNSURE = 1e-6  # far above the rounding of N c, for every N that fits in memory
+BLOCK = 4000  # particles that are looked at while they are in the cache
 Resampler = Callable[[Array, np.random.Generator], Ancestors]
 
 
@@ -106,11 +108,11 @@ def _inverse(points: Array, weights: Array) -> Ancestors:
     return np.searchsorted(_cumulative(weights), points, side="right")
 
 
-def of_strata(weights: Array, shifts: Array) -> Ancestors:
+def of_strata(weights: Array, shifts: Array, room: tuple[Array, Ancestors] | None = None) -> Ancestors:
     """Resample several clouds of N particles at once, each at one point in each of the intervals [j / N, (j + 1) / N].
 
-    What `_inverse` finds by a search is counted here: of the points below c, all but one follow from the whole part of
-    N c, and the marks that they leave are summed. Where N c is too near a whole number to tell, the search decides.
+    What `_inverse` finds by a search is counted here, block by block: how many points are below each cumulative weight.
+    The marks that these numbers leave are summed.
 
     Parameters
     ----------
@@ -118,6 +120,8 @@ def of_strata(weights: Array, shifts: Array) -> Ancestors:
         Normalised.
     shifts : (runs, N) or (runs, 1) array
         Where in its interval each point lies, from 0 to 1.
+    room : (runs, N) array and (runs, N + 1) array of int, optional
+        To work in; the second holds what is returned.
 
     Returns
     -------
@@ -125,25 +129,52 @@ def of_strata(weights: Array, shifts: Array) -> Ancestors:
         Ancestors, each row in ascending order.
     """
     runs, n = weights.shape
-    points = (np.arange(n) + shifts) / n
-    cumulative = _cumulative(weights)
-    scaled = np.minimum(cumulative * n, n)
-    whole = np.minimum(scaled.astype(np.intp), n - 1)
-    below = whole + (np.take_along_axis(points, whole, axis=1) < cumulative)
-    unsure = (np.abs(scaled - np.rint(scaled)) < UNSURE) & (scaled < n)
-    for run in np.flatnonzero(unsure.any(axis=1)):
-        where = np.flatnonzero(unsure[run])
-        below[run, where] = np.searchsorted(points[run], cumulative[run, where])
-    below += (n + 1) * np.arange(runs)[:, np.newaxis]
-    marks = np.bincount(below.ravel(), minlength=runs * (n + 1)).reshape(runs, n + 1)
-    return np.asarray(np.cumsum(marks[:, :n], axis=1))
+    cumulative, marks = room or (np.empty((runs, n)), np.empty((runs, n + 1), np.intp))
+    _cumulative(weights, cumulative)
+    marks[:] = 0
+    flat = marks.reshape(-1)  # ascends with the numbers of points, N + 1 further in each run
+    everything = [(slice(0, runs), slice(0, n))]
+    parts = [(slice(i, i + 1), slice(start, start + BLOCK)) for i in range(runs) for start in range(0, n, BLOCK)]
+    for rows, columns in everything if n <= BLOCK else parts:
+        below = _below(cumulative[rows, columns], shifts[rows], n)
+        below += (n + 1) * np.arange(rows.start, rows.stop)[:, np.newaxis]
+        first = below[0, 0]
+        flat[first : below[-1, -1] + 1] += np.bincount(below.ravel() - first)
+    np.cumsum(marks, axis=1, out=marks)
+    return np.asarray(marks[:, :n])
 
 
-def _cumulative(weights: Array) -> Array:
+def _below(cumulative: Array, shifts: Array, n: int) -> Ancestors:
+    """Return how many of the points (j + shift_j) / N are below each cumulative weight c.
+
+    The whole part w of N c says it of all points but the w-th, which is compared; where rounding may have changed w,
+    its neighbours are compared, too.
+    """
+    scaled = cumulative * n
+    whole = np.minimum(np.floor(scaled), n - 1)
+    below = (whole + _is_below(whole, cumulative, shifts, n)).astype(np.intp)
+    scaled -= whole
+    scaled -= 0.5
+    np.abs(scaled, out=scaled)
+    unsure = np.nonzero((scaled > 0.5 - UNSURE) & (scaled < 1))  # beyond 1 where c is infinite
+    if len(unsure[0]):
+        w, c = whole[unsure][:, np.newaxis], cumulative[unsure][:, np.newaxis]
+        near = [_is_below(w + i, c, shifts[unsure[0]], n)[:, 0] for i in (-1, 0, 1)]
+        below[unsure] = np.clip(w[:, 0] - 1 + np.sum(near, axis=0), 0, n)
+    return np.asarray(below)
+
+
+def _is_below(j: Array, cumulative: Array, shifts: Array, n: int) -> Any:
+    if shifts.shape[1] > 1:
+        shifts = np.take_along_axis(shifts, np.clip(j, 0, n - 1).astype(np.intp), axis=1)
+    return (j + shifts) / n < cumulative
+
+
+def _cumulative(weights: Array, out: Array | None = None) -> Array:
     """Return the cumulative sum of rows relative to its end, infinite from the last positive weight on."""
-    cumulative = np.cumsum(weights, axis=-1)
-    cumulative /= cumulative[..., -1:]
+    cumulative = np.cumsum(weights, axis=-1, out=out)
+    cumulative /= cumulative[..., -1:].copy()
     n = weights.shape[-1]
-    last = n - 1 - np.argmax(weights[..., ::-1] > 0, axis=-1)
-    cumulative[np.arange(n) >= last[..., np.newaxis]] = np.inf
+    for row, given in zip(cumulative.reshape(-1, n), weights.reshape(-1, n), strict=True):
+        row[n - 1 - np.argmax(given[::-1] > 0) :] = np.inf
     return cumulative

@@ -92,41 +92,51 @@ def run(
     cloud = Clones(laws, P, rngs)
     w, even = np.full((runs, P), 1 / P), np.log(1 / P)
     logs = np.full((runs, P), even)
+    # a large array is dear the first time that it is written to, so these are written to again and again
+    scratch, marks = np.empty((runs, P)), np.empty((runs, P + 1), np.intp)
+    drawn = np.empty((max((step.n_draws for step in steps), default=0), runs * P))
     for k in range(N):
         if k:
             tired: Any = np.flatnonzero(ess[k - 1] <= ess_threshold * P * (1 + ROUNDING))
             if len(tired):
-                ancestors = np.arange(runs * P).reshape(runs, P)
-                shifts = [rngs[i].random(P if resample == "stratified" else 1) for i in tired]
-                totals = w[tired].sum(axis=1, keepdims=True)
-                ancestors[tired] = of_strata(w[tired] / totals, np.array(shifts)) + P * tired[:, np.newaxis]
-                cloud.resample(ancestors.ravel())
+                shifts = np.array([rngs[i].random(P if resample == "stratified" else 1) for i in tired])
+                if runs == 1:
+                    w /= w.sum()
+                    cloud.resample(of_strata(w, shifts, (scratch, marks))[0])
+                else:
+                    ancestors = np.arange(runs * P).reshape(runs, P)
+                    totals = w[tired].sum(axis=1, keepdims=True)
+                    ancestors[tired] = of_strata(w[tired] / totals, shifts) + P * tired[:, np.newaxis]
+                    cloud.resample(ancestors.ravel())
                 logs[tired] = even
-            _make(steps[k - 1], cloud, laws, logs.ravel(), normals(steps[k - 1].n_draws, P, rngs))
-            w, log_totals = _normalised(logs, k)
+            step = steps[k - 1]
+            _make(step, cloud, laws, logs.ravel(), normals(step.n_draws, P, rngs, drawn))
+            log_totals = _normalise(logs, w, k)
             logs -= log_totals[:, np.newaxis]
             log_evidence[k] = log_evidence[k - 1] + log_totals
-        means[k], covs[k] = cloud.moments(w)
+        means[k], covs[k] = cloud.moments(w, scratch)
         if not np.isfinite(means[k]).all():
             raise InputError("A particle is NaN or infinite.")
-        ess[k], survivors[k] = 1 / np.sum(np.square(w), axis=1), cloud.survivors(runs)
+        ess[k], survivors[k] = 1 / np.sum(np.square(w, out=scratch), axis=1), cloud.survivors(runs)
     back = np.argsort(laws.order)
     covs += laws.extra[:, np.newaxis]
     means, covs = means[..., back], covs[..., back][..., back, :]
     return [Filtered(means[:, i], covs[:, i], log_evidence[:, i], ess[:, i], survivors[:, i]) for i in range(runs)]
 
 
-def _normalised(logs: Array, k: int) -> tuple[Array, Array]:
-    """Return what `lab.weights.normalise` returns for each row."""
+def _normalise(logs: Array, w: Array, k: int) -> Array:
+    """Set each row of w to the weights, and return the log-totals, as `lab.weights.normalise` has them."""
     largest = logs.max(axis=1)
     if not np.isfinite(largest).all():
         try:
             weights.normalise(logs[np.flatnonzero(~np.isfinite(largest))[0]])
         except InputError as error:
             raise InputError(f"At k = {k}: {error}") from None
-    scaled = np.exp(logs - largest[:, np.newaxis])
-    total = scaled.sum(axis=1)
-    return scaled / total[:, np.newaxis], largest + np.log(total)
+    np.subtract(logs, largest[:, np.newaxis], out=w)
+    np.exp(w, out=w)
+    total = w.sum(axis=1)
+    w /= total[:, np.newaxis]
+    return np.asarray(largest + np.log(total))
 
 
 def _steps(laws: Plan) -> list[_Step]:

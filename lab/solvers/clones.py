@@ -48,7 +48,8 @@ class Clones:
     def __init__(self, laws: Plan, n_particles: int, rngs: Sequence[np.random.Generator]) -> None:
         a, n_columns = len(laws.B), n_particles * len(rngs)
         self.x, self._other = _padded(a, n_columns), _padded(a, n_columns)
-        drawn = normals(laws.spread_0.shape[1], n_particles, rngs)
+        n_draws = laws.spread_0.shape[1]
+        drawn = normals(n_draws, n_particles, rngs, np.empty((n_draws, n_columns)))
         # BLAS computes columns in groups, and a last digit may depend on a column's place
         self.product: Callable[[Array, Array], Array] = (
             partial(np.einsum, "ij,jk->ik") if n_particles <= FEW else np.dot
@@ -58,6 +59,7 @@ class Clones:
         self.x += laws.m0[:a, np.newaxis]
         self.static = laws.m0[a:, np.newaxis] + self.product(laws.spread_0[a:], drawn)
         self.group = self.starts = np.arange(n_columns)
+        self._other_group = np.empty(n_columns, np.intp)
 
     @property
     def alone(self) -> bool:
@@ -70,16 +72,17 @@ class Clones:
         for rows in blocks(len(ancestors)):
             for new, old in zip(self.x, self._other, strict=True):
                 np.take(old, ancestors[rows], out=new[rows], mode="clip")
-        group = self.group[ancestors]
+        self.group, self._other_group = self._other_group, self.group
+        group = np.take(self._other_group, ancestors, out=self.group, mode="clip")
         begins = np.flatnonzero(group[1:] != group[:-1]) + 1
         self.starts = np.concatenate([[0], begins])
         self.static = self.static[:, group[self.starts]]
-        self.group = np.zeros(len(group), np.intp)
-        self.group[begins] = 1
-        np.cumsum(self.group, out=self.group)
+        group[:] = 0
+        group[begins] = 1
+        np.cumsum(group, out=group)
 
-    def moments(self, w: Array) -> tuple[Array, Array]:
-        """Return means (runs, n) and covariances (runs, n, n) of the particles with weights w (runs, P)."""
+    def moments(self, w: Array, scratch: Array) -> tuple[Array, Array]:
+        """Return means (runs, n) and covariances (runs, n, n) of the particles with weights w; all (runs, P)."""
         runs, P = w.shape
         if P <= FEW:
             static = self.static if self.alone else self.static.take(self.group, axis=1)
@@ -88,10 +91,10 @@ class Clones:
             x -= means[:, :, np.newaxis]
             x *= np.sqrt(w)[:, np.newaxis]
             return means, x @ x.transpose(0, 2, 1)
-        each = [self._large_moments(w[run], slice(run * P, (run + 1) * P)) for run in range(runs)]
+        each = [self._large_moments(w[run], slice(run * P, (run + 1) * P), scratch[run]) for run in range(runs)]
         return np.array([mean for mean, _ in each]), np.array([cov for _, cov in each])
 
-    def _large_moments(self, w: Array, particles: slice) -> tuple[Array, Array]:
+    def _large_moments(self, w: Array, particles: slice, scratch: Array) -> tuple[Array, Array]:
         first, end = (int(place) for place in np.searchsorted(self.starts, (particles.start, particles.stop)))
         starts, static, x = self.starts[first:end] - particles.start, self.static[:, first:end], self.x[:, particles]
         if len(starts) == len(w) or not len(static):
@@ -103,7 +106,10 @@ class Clones:
         mean[:a], mean[a:] = x @ w, static @ shares
         cov[:a, :a] = _scatter([x], mean[:a], w)
         cov[a:, a:] = _scatter([static], mean[a:], shares)
-        sums = [np.add.reduceat(row * w, starts) - m * shares for row, m in zip(x, mean, strict=False)]
+        sums = [
+            np.add.reduceat(np.multiply(row, w, out=scratch), starts) - m * shares
+            for row, m in zip(x, mean, strict=False)
+        ]
         cov[:a, a:] = np.stack(sums) @ (static - mean[a:, np.newaxis]).T
         cov[a:, :a] = cov[:a, a:].T
         return mean, cov
@@ -113,10 +119,11 @@ class Clones:
         return np.bincount(self.starts * runs // len(self.group), minlength=runs)
 
 
-def normals(n_rows: int, n_particles: int, rngs: Sequence[np.random.Generator]) -> Array:
-    """Return the draws (n_rows, runs P), those of a run from its own generator."""
-    drawn = [rng.standard_normal((n_rows, n_particles)) for rng in rngs]
-    return drawn[0] if len(drawn) == 1 else np.concatenate(drawn, axis=1)
+def normals(n_rows: int, n_particles: int, rngs: Sequence[np.random.Generator], room: Array) -> Array:
+    """Return the draws (n_rows, runs P), those of a run from its own generator; `room` has as many columns."""
+    if len(rngs) == 1:
+        return rngs[0].standard_normal(out=room[:n_rows])
+    return np.concatenate([rng.standard_normal((n_rows, n_particles)) for rng in rngs], axis=1, out=room[:n_rows])
 
 
 def blocks(n_particles: int) -> Sequence[slice]:
@@ -132,15 +139,16 @@ def _padded(n_rows: int, n_columns: int) -> Array:
 
 def _scatter(parts: Sequence[Array], mean: Array, w: Array) -> Array:
     """Return the weighted covariance of the rows of all parts about a mean."""
-    n, roots = len(mean), np.sqrt(w)
+    n = len(mean)
     cov = np.zeros((n, n))
     room = np.empty((n, BLOCK))
     for rows in blocks(len(w)):
-        centred, begin = room[:, : len(roots[rows])], 0
+        roots = np.sqrt(w[rows])
+        centred, begin = room[:, : len(roots)], 0
         for part in parts:
             end = begin + len(part)
             np.subtract(part[:, rows], mean[begin:end, np.newaxis], out=centred[begin:end])
             begin = end
-        centred *= roots[rows]
+        centred *= roots
         cov += centred @ centred.T
     return cov
