@@ -41,6 +41,19 @@ def interrupting(problem, rng, *, n_particles):
     return sir(problem, rng, n_particles=n_particles)
 """
 
+SWALLOWING = """
+import os, signal, time
+
+class Tidying:
+    def __del__(self):  # whose errors Python ignores
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+
+def swallowing(problem, rng, *, n_particles):
+    Tidying()
+    time.sleep(100)
+"""
+
 
 def members(group):
     """Return the processes of a group, those left out that have ended and wait to be noticed."""
@@ -89,6 +102,15 @@ def test_an_interrupt_inside_an_import(here):
     (here / "slow.py").write_text(SLOW_TO_IMPORT)
     interrupt(("run", "slow.py:slow", "--out", "a"), 1, whole_group=False)
     assert not (here / "a").exists()
+
+
+@posix
+def test_an_interrupt_that_python_ignores_comes_again(here):
+    (here / "own.py").write_text(SWALLOWING)
+    begun = time.monotonic()
+    done = start("run", "own.py:swallowing", "--particles", "5", cwd=here, preexec_fn=interruptible)
+    assert (done.status, done.err) == (130, "slam-lab: stopped; no half-written result remains.\n")
+    assert time.monotonic() - begun < 60
 
 
 @posix

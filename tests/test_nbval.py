@@ -110,7 +110,7 @@ SIGNS = [  # file, what stands there, what it becomes, and a notebook that must 
     ("lab/solvers/blocked.py", "step.constant - np.einsum", "step.constant + np.einsum", 5),
     ("lab/solvers/blocked.py", "_terms(-laws.H[step, :p, :a])", "_terms(laws.H[step, :p, :a])", 5),
     ("lab/solvers/clones.py", "x -= means[:, :, np.newaxis]", "x += means[:, :, np.newaxis]", 5),
-    ("lab/resampling.py", "points = (np.arange(n) + shifts) / n", "points = (np.arange(n) - shifts) / n", 3),
+    ("lab/resampling.py", "(j + shifts) / n < cumulative", "(j - shifts) / n < cumulative", 3),
     ("lab/metrics.py", "(filtered.means - exact.means)[1:]", "(filtered.means + exact.means)[1:]", 3),
     ("lab/metrics.py", "(filtered.covs - exact.covs)[1:]", "(filtered.covs + exact.covs)[1:]", 3),
     ("lab/consistency.py", "truth[k] - filtered.means[k], filtered", "truth[k] + filtered.means[k], filtered", 1),

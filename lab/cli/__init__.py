@@ -8,9 +8,12 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
+from typing import Any
 
+AGAIN = 0.05  # seconds until an interrupt that was ignored is repeated
 IMPATIENCE = 1.0  # seconds: a second Ctrl-C this soon must not stop the tidying up after the first
 
 
@@ -44,7 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 @contextmanager
 def _noting_signals() -> Iterator[list[int]]:
-    """Turn Ctrl-C, and the polite end that batch systems ask for, into KeyboardInterrupt; list what was received."""
+    """Turn Ctrl-C, and the polite end that batch systems ask for, into KeyboardInterrupt; list what was received.
+
+    One that comes while Python tidies up (in a ``__del__``, or in a callback from C) would be ignored: it comes again.
+    """
     received: list[int] = []
     last = -IMPATIENCE
 
@@ -55,13 +61,26 @@ def _noting_signals() -> Iterator[list[int]]:
         if not hurry:
             raise KeyboardInterrupt
 
-    before = {}
+    def repeat(ignored: Any) -> None:
+        nonlocal last
+        if not isinstance(ignored.exc_value, KeyboardInterrupt) or not received:
+            hook(ignored)
+            return
+        last = -IMPATIENCE
+        threading.Timer(AGAIN, again, (received.pop(),)).start()
+
+    before, hook = {}, sys.unraisablehook
+    again: Callable[[int], None] = signal.raise_signal
+    if hasattr(signal, "pthread_kill"):  # another thread's signal would not wake this one where it waits
+        again = partial(signal.pthread_kill, threading.get_ident())
     if threading.current_thread() is threading.main_thread():  # elsewhere Python sets no handlers
         for number in (signal.SIGINT, signal.SIGTERM):
             if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
                 before[number] = signal.signal(number, interrupt)
+        sys.unraisablehook = repeat
     try:
         yield received
     finally:
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal.signal(number, handler)
