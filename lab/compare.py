@@ -71,8 +71,8 @@ def compare(
     seed : int
         Non-negative; from it come the seeds of all units.
     jobs : int
-        Runs at a time, in worker processes, or in threads where all are compiled; -1 for one per processor, 1 for none
-        beside this process. No result but the seconds depends on it.
+        Runs at a time; -1 for one per processor. In worker processes; where all solvers are compiled and N goes to 3000
+        or beyond, in threads, and shorter runs one by one afterwards. No result but the seconds depends on it.
     keep_moments : bool
         Keep the moments of all runs, not only of the first on the first data set.
     progress : bool

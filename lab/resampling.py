@@ -158,9 +158,12 @@ def _below(cumulative: Array, shifts: Array, n: int) -> Ancestors:
     np.abs(scaled, out=scaled)
     unsure = np.nonzero((scaled > 0.5 - UNSURE) & (scaled < 1))  # beyond 1 where c is infinite
     if len(unsure[0]):
-        w, c = whole[unsure][:, np.newaxis], cumulative[unsure][:, np.newaxis]
-        near = [_is_below(w + i, c, shifts[unsure[0]], n)[:, 0] for i in (-1, 0, 1)]
-        below[unsure] = np.clip(w[:, 0] - 1 + np.sum(near, axis=0), 0, n)
+        w, c = whole[unsure], cumulative[unsure]
+        count = w - 1
+        for j in (w - 1, w, w + 1):
+            column = np.clip(j, 0, n - 1).astype(np.intp) if shifts.shape[1] > 1 else 0
+            count += (j + shifts[unsure[0], column]) / n < c
+        below[unsure] = np.clip(count, 0, n)
     return np.asarray(below)
 
 

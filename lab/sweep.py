@@ -116,7 +116,8 @@ class Unfinished:
         records = {}
         for part in self._parts():
             try:
-                record = _record(parquet.read_table(part).to_pylist()[0])
+                with part.open("rb") as file:  # a path could look like a URI
+                    record = _record(parquet.read_table(file).to_pylist()[0])
             except (OSError, ValueError, KeyError, IndexError, TypeError):
                 continue
             records[record.unit] = record

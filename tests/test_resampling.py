@@ -1,5 +1,7 @@
 """Resampling: unbiased, never outside, never a particle of weight zero."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -152,3 +154,15 @@ def test_resolve():
         resampling.resolve("bogus")
     with pytest.raises(InputError, match="Unknown resampling scheme"):
         resampling.resolve([])
+
+
+@pytest.mark.parametrize("scheme", ["systematic", "stratified"])
+def test_even_weights_of_a_large_cloud_need_no_more_room_than_others(scheme):
+    """Every N c is a whole number then, and each is looked at twice."""
+    weights, peaks = np.random.default_rng(0).random(20_000), []
+    for each in (weights, np.ones(20_000)):
+        tracemalloc.start()
+        resampling.RESAMPLERS[scheme](each, np.random.default_rng(1))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 2 * peaks[0]

@@ -67,8 +67,10 @@ def _noting_signals() -> Iterator[list[int]]:
             hook(ignored)
             return
         last = -IMPATIENCE
-        threading.Timer(AGAIN, again, (received.pop(),)).start()
+        repeats.append(threading.Timer(AGAIN, again, (received[-1],)))
+        repeats[-1].start()
 
+    repeats: list[threading.Timer] = []
     before, hook = {}, sys.unraisablehook
     again: Callable[[int], None] = signal.raise_signal
     if hasattr(signal, "pthread_kill"):  # another thread's signal would not wake this one where it waits
@@ -82,5 +84,7 @@ def _noting_signals() -> Iterator[list[int]]:
         yield received
     finally:
         sys.unraisablehook = hook
+        for timer in repeats:
+            timer.cancel()
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -189,7 +189,7 @@ def resample(
         N particles.
     state : (4, LANES) array
         Of the random stream.
-    scratch, ends, points : (2, LANES), (blocks + 1,), (n + 1,) array
+    scratch, ends, points : (1, LANES), (blocks + 1,), (n + 1,) array
     before, ancestors : (n + 1,), (n + 1,) array of int
     """
     ends[0] = 0.0
