@@ -22,11 +22,11 @@ from exact_filters import processor
 from threadpoolctl import threadpool_limits
 
 from data_simulation import data_simulation
-from lab.compare import unit_seed
 from lab.metrics import measure
 from lab.plots.style import legend_below, look, new_figure, save_png
 from lab.problem import Experiment
 from lab.solvers import guided, kalman, rbpf, sir, sis
+from lab.units import unit_seed
 
 FILTERS = {"sis": sis, "sir": sir, "guided": guided, "rbpf": rbpf}
 SIZES = (100, 1000, 10_000, 100_000)

@@ -27,12 +27,12 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet
 
-from lab.compare import Batch
 from lab.comparison import Comparison, Record, Unit
 from lab.execution import Execute
 from lab.metrics import Metrics
 from lab.records.files import TEMPORARY, atomic_path, exclusive
 from lab.result import Filtered
+from lab.units import Batch
 from lab.validation import Array, InputError
 
 FOLDER = "unfinished"

@@ -14,10 +14,11 @@ from program import call, everything_in
 from worlds import REFERENCE
 
 from data_simulation import HANDOUT, TWO_LANDMARKS, data_simulation
-from lab.compare import compare, unit_seed
+from lab.compare import compare
 from lab.findings import findings
 from lab.problem import Experiment
 from lab.solvers import SOLVERS, kalman
+from lab.units import unit_seed
 
 FIRST_COLUMNS = (
     "solver,n_particles,runs,mean_gap,mean_gap_se,cov_gap,cov_gap_se,log_evidence_gap,log_evidence_gap_se,"

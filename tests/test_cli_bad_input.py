@@ -9,7 +9,7 @@ import scipy.io
 from program import call, everything_in
 from worlds import REFERENCE
 
-import lab.compare
+import lab.work
 from lab.problem import Experiment
 from lab.solvers import SOLVERS
 
@@ -233,7 +233,7 @@ def test_an_animation_that_fails_takes_the_experiment_with_it(here, monkeypatch)
 )
 def test_folders_that_cannot_be_written(here, program, folder, words, monkeypatch):
     """It is said before the work."""
-    monkeypatch.setattr(lab.compare.Work, "__call__", None)
+    monkeypatch.setattr(lab.work.Work, "__call__", None)
     (here / "file").write_text("mine")
     call(*program, "--out", folder).assert_refused(words)
     assert os.listdir(here) == ["file"]
@@ -293,8 +293,8 @@ def test_a_folder_in_the_place_of_a_file(here):
 @pytest.mark.parametrize(
     ("where", "error", "status"),
     [
-        ("lab.compare.Work.__call__", KeyboardInterrupt(), 130),
-        ("lab.compare.Work.__call__", OSError(28, "No space left on device"), 2),
+        ("lab.work.Work.__call__", KeyboardInterrupt(), 130),
+        ("lab.work.Work.__call__", OSError(28, "No space left on device"), 2),
         ("lab.cli.pictures.write_comparison", KeyboardInterrupt(), 130),
         ("lab.cli.pictures.write_comparison", OSError(28, "No space left on device"), 2),
         ("lab.cli.pictures.write_comparison", ZeroDivisionError("a mistake of ours"), None),
@@ -320,7 +320,7 @@ def test_only_finished_runs_are_left_after_an_error(here, monkeypatch, where, er
         assert done.err.startswith("slam-lab: ")
     kept = {name for name in everything_in(here) if name.startswith("deep/result/unfinished/")}
     assert {name: text for name, text in everything_in(here).items() if name not in kept} == before
-    if where.startswith("lab.compare"):
+    if where.startswith("lab.work"):
         assert not kept
         assert os.listdir(here) == (["deep"] if earlier else [])
     else:

@@ -9,8 +9,8 @@ import pytest
 from program import call
 from worlds import experiment
 
-from lab.compare import unit_seed
 from lab.solvers import SOLVERS, sir
+from lab.units import unit_seed
 
 FILTERS = """
 from __future__ import annotations

@@ -8,7 +8,7 @@ import pytest
 from worlds import full_scenario, problem, reference
 
 from data_simulation import Scenario
-from lab.compare import Work, compare, data_set_seeds, designs, partial_comparison, plan, unit_seed
+from lab.compare import compare, designs, partial_comparison
 from lab.comparison import Unit
 from lab.findings import findings
 from lab.metrics import measure
@@ -16,7 +16,9 @@ from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import guided, kalman, rbpf, sir, sis
 from lab.theory import forecast
+from lab.units import data_set_seeds, plan, unit_seed
 from lab.validation import InputError
+from lab.work import Work
 
 
 @pytest.fixture(scope="module")

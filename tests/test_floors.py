@@ -36,6 +36,8 @@ FLOORS = {
     "lab.comparison": 4,
     "lab.execution": 4,
     "lab.metrics": 4,
+    "lab.units": 4,
+    "lab.work": 4,
     "lab.progress": 4,
     "lab.consistency": 4,
     "lab.plots": 4,
@@ -59,7 +61,9 @@ SIDEWAYS = {
     "lab.problem": {"lab.records"},  # Experiment.load and save
     "lab.sparse": {"lab.problem"},  # the same, with matrices
     "lab.simulation": {"lab.problem", "lab.sparse"},
-    "lab.compare": {"lab.comparison", "lab.execution", "lab.metrics", "lab.progress"},
+    "lab.compare": {"lab.comparison", "lab.execution", "lab.metrics", "lab.progress", "lab.units", "lab.work"},
+    "lab.units": {"lab.comparison"},
+    "lab.work": {"lab.comparison", "lab.metrics", "lab.units"},
     "lab.cluster": {"lab.execution"},
     "lab.comparison": {"lab.metrics"},
     "lab.plots": {"lab.comparison"},  # a result

@@ -7,12 +7,14 @@ import pytest
 from test_proposals import cut, lost
 from worlds import problem
 
-from lab.compare import TOGETHER, Work, batches, compare, plan
+from lab.compare import compare
 from lab.comparison import Unit
 from lab.resampling import systematic
 from lab.solvers import compiled, guided, kalman, rbpf, sir, sis
 from lab.solvers.clones import FEW
 from lab.solvers.together import together
+from lab.units import TOGETHER, batches, plan
+from lab.work import Work
 
 SOLVERS = {"sis": sis, "sir": partial(sir, ess_threshold=0.9, resample="stratified"), "guided": guided}
 SOLVERS |= {

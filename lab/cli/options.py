@@ -97,7 +97,7 @@ def load_data_sets(
     InputError
         As `load_experiment`, or several are wanted of a file.
     """
-    from lab.compare import data_set_seeds
+    from lab.units import data_set_seeds
 
     if file is not None and n_data_sets > 1:
         raise InputError("--datasets simulates afresh, and --experiment is one data set; give one of the two.")

@@ -93,10 +93,11 @@ def _filter(
 ) -> tuple["Filtered | None", "Filtered", list[str]]:
     """Return the estimate (None for kalman itself), the exact answer, and what to say of the two."""
     from lab.cli.output import RunError
-    from lab.compare import Work, unit_seed
     from lab.comparison import Comparison, Unit
     from lab.findings import findings
     from lab.solvers import kalman
+    from lab.units import unit_seed
+    from lab.work import Work
 
     exact = kalman(source.problem)
     if not prepared:

@@ -3,7 +3,7 @@
 Question answered: which filters can share what numpy costs per call?  Those of this laboratory, run by numpy, with a
 resampling scheme whose ancestors ascend, and with so few particles that calls cost more than numbers.  A run's numbers
 do not depend on what runs beside it.  And which can share a process?  Those that run in kernels.  Called by
-`lab.compare`.
+`lab.units`.
 """
 
 import inspect
