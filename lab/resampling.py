@@ -14,7 +14,6 @@ weight zero is never taken.  Source: question 6 of the handout; Douc, Cappe and 
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from lab.validation import Array, InputError
 
 Ancestors = NDArray[np.intp]
 UNSURE = 1e-6  # far above the rounding of N c, for every N that fits in memory
-BLOCK = 4000  # particles that are looked at while they are in the cache
+BLOCK = 12_000  # particles that are looked at while they are in the cache
 Resampler = Callable[[Array, np.random.Generator], Ancestors]
 
 
@@ -108,76 +107,92 @@ def _inverse(points: Array, weights: Array) -> Ancestors:
     return np.searchsorted(_cumulative(weights), points, side="right")
 
 
-def of_strata(weights: Array, shifts: Array, room: tuple[Array, Ancestors] | None = None) -> Ancestors:
+def of_strata(weights: Array, shifts: Array) -> Ancestors:
     """Resample several clouds of N particles at once, each at one point in each of the intervals [j / N, (j + 1) / N].
-
-    What `_inverse` finds by a search is counted here, block by block: how many points are below each cumulative weight.
-    The marks that these numbers leave are summed.
 
     Parameters
     ----------
     weights : (runs, N) array
-        Normalised.
+        Non-negative, no row all zero.
     shifts : (runs, N) or (runs, 1) array
         Where in its interval each point lies, from 0 to 1.
-    room : (runs, N) array and (runs, N + 1) array of int, optional
-        To work in; the second holds what is returned.
 
     Returns
     -------
     (runs, N) array of int
         Ancestors, each row in ascending order.
     """
+    return np.stack([ancestors_of(ends) for ends in ends_of_strata(weights, shifts)])
+
+
+def ancestors_of(ends: Ancestors, out: Ancestors | None = None) -> Ancestors:
+    """Return for each offspring how many particles end before it: its ancestor; `ends` (N,) as in `ends_of_strata`."""
+    return np.cumsum(np.bincount(ends, minlength=len(ends) + 1)[:-1], out=out)
+
+
+def ends_of_strata(weights: Array, shifts: Array, room: tuple[Array, Ancestors] | None = None) -> Ancestors:
+    """Return for each particle how many offspring it and those before it have; other arguments as `of_strata`.
+
+    What `_inverse` finds by a search is counted here, block by block: how many points are below each cumulative weight.
+
+    Parameters
+    ----------
+    room : (runs, N) array and (runs, N) array of int, optional
+        To work in; the second holds what is returned.
+
+    Returns
+    -------
+    (runs, N) array of int
+    """
     runs, n = weights.shape
-    cumulative, marks = room or (np.empty((runs, n)), np.empty((runs, n + 1), np.intp))
-    _cumulative(weights, cumulative)
-    marks[:] = 0
-    flat = marks.reshape(-1)  # ascends with the numbers of points, N + 1 further in each run
+    cumulative, ends = room or (np.empty((runs, n)), np.empty((runs, n), np.intp))
+    np.cumsum(weights, axis=1, out=cumulative)
+    totals = cumulative[:, -1:].copy()
     everything = [(slice(0, runs), slice(0, n))]
     parts = [(slice(i, i + 1), slice(start, start + BLOCK)) for i in range(runs) for start in range(0, n, BLOCK)]
     for rows, columns in everything if n <= BLOCK else parts:
-        below = _below(cumulative[rows, columns], shifts[rows], n)
-        below += (n + 1) * np.arange(rows.start, rows.stop)[:, np.newaxis]
-        first = below[0, 0]
-        flat[first : below[-1, -1] + 1] += np.bincount(below.ravel() - first)
-    np.cumsum(marks, axis=1, out=marks)
-    return np.asarray(marks[:, :n])
+        ends[rows, columns] = _below(cumulative[rows, columns], totals[rows], shifts[rows], n)
+    for row, given in zip(ends, weights, strict=True):
+        row[_last(given) :] = n
+    return ends
 
 
-def _below(cumulative: Array, shifts: Array, n: int) -> Ancestors:
-    """Return how many of the points (j + shift_j) / N are below each cumulative weight c.
+def _below(cumulative: Array, totals: Array, shifts: Array, n: int) -> Array:
+    """Return how many of the points (j + shift_j) / N are below each cumulative weight c, relative to the total.
 
-    The whole part w of N c says it of all points but the w-th, which is compared; where rounding may have changed w,
-    its neighbours are compared, too.
+    N c says it; but where rounding may have the last word, the points in question are compared.
     """
-    scaled = cumulative * n
-    whole = np.minimum(np.floor(scaled), n - 1)
-    below = (whole + _is_below(whole, cumulative, shifts, n)).astype(np.intp)
-    scaled -= whole
-    scaled -= 0.5
-    np.abs(scaled, out=scaled)
-    unsure = np.nonzero((scaled > 0.5 - UNSURE) & (scaled < 1))  # beyond 1 where c is infinite
-    if len(unsure[0]):
-        w, c = whole[unsure], cumulative[unsure]
-        count = w - 1
-        for j in (w - 1, w, w + 1):
+    scaled = cumulative / totals
+    scaled *= n
+    if shifts.shape[1] == 1:
+        scaled -= shifts
+        below = np.ceil(scaled)
+        rest = np.subtract(below, scaled, out=scaled)
+        unsure = (rest < UNSURE) | (rest > 1 - UNSURE) if rest.min() < UNSURE or rest.max() > 1 - UNSURE else None
+    else:
+        whole = np.minimum(np.floor(scaled), n - 1)
+        point = whole + np.take_along_axis(shifts, whole.astype(np.intp), axis=1)
+        below = whole + (point < scaled)
+        unsure = np.minimum(np.abs(point - scaled), np.abs(scaled - np.rint(scaled))) < UNSURE
+    if unsure is not None:
+        run, place = np.nonzero(unsure)
+        nearest, c = below[run, place], cumulative[run, place] / totals[run, 0]
+        count = nearest - 2
+        for j in (nearest - 2, nearest - 1, nearest, nearest + 1):
             column = np.clip(j, 0, n - 1).astype(np.intp) if shifts.shape[1] > 1 else 0
-            count += (j + shifts[unsure[0], column]) / n < c
-        below[unsure] = np.clip(count, 0, n)
+            count += (j + shifts[run, column]) / n < c
+        below[run, place] = np.clip(count, 0, n)
     return np.asarray(below)
 
 
-def _is_below(j: Array, cumulative: Array, shifts: Array, n: int) -> Any:
-    if shifts.shape[1] > 1:
-        shifts = np.take_along_axis(shifts, np.clip(j, 0, n - 1).astype(np.intp), axis=1)
-    return (j + shifts) / n < cumulative
-
-
-def _cumulative(weights: Array, out: Array | None = None) -> Array:
-    """Return the cumulative sum of rows relative to its end, infinite from the last positive weight on."""
-    cumulative = np.cumsum(weights, axis=-1, out=out)
-    cumulative /= cumulative[..., -1:].copy()
-    n = weights.shape[-1]
-    for row, given in zip(cumulative.reshape(-1, n), weights.reshape(-1, n), strict=True):
-        row[n - 1 - np.argmax(given[::-1] > 0) :] = np.inf
+def _cumulative(weights: Array) -> Array:
+    """Return the cumulative sum relative to its end, infinite from the last positive weight on."""
+    cumulative = np.cumsum(weights)
+    cumulative /= cumulative[-1]
+    cumulative[_last(weights) :] = np.inf
     return cumulative
+
+
+def _last(weights: Array) -> int:
+    """Return the place of the last positive weight."""
+    return len(weights) - 1 if weights[-1] > 0 else int(np.flatnonzero(weights)[-1])

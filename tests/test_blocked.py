@@ -5,10 +5,12 @@ import pytest
 from test_proposals import PROPOSALS, coupled, cut, lost, mixed
 from worlds import WORLDS, problem
 
+from lab import weights
 from lab.resampling import RESAMPLERS
 from lab.result import collect
 from lab.solvers import blocked, particle, particle_steps, sir
-from lab.solvers.clones import BLOCK, FEW, Clones
+from lab.solvers.blocked import LONG
+from lab.solvers.clones import FEW, LARGEST, Clones, _moments
 from lab.solvers.proposals import prior
 from lab.solvers.together import FEWEST
 from lab.validation import InputError
@@ -45,10 +47,18 @@ def test_twin(world, name):
         assert_same(*both(problem, PROPOSALS[name], 3, scheme, **options))
 
 
-@pytest.mark.parametrize("n_particles", [BLOCK - 1, BLOCK, BLOCK + 1, 2 * BLOCK + 96])
+@pytest.mark.parametrize("n_particles", [LARGEST - 1, LARGEST, LARGEST + 1, 2 * LARGEST + 96])
 @pytest.mark.parametrize("name", PROPOSALS)
 def test_twin_over_blocks(n_particles, name):
     assert_same(*both(cut(problem(), 12), PROPOSALS[name], 4, n_particles=n_particles, ess_threshold=0.7))
+
+
+def test_twin_with_few_ancestors():
+    """Which are then gone through one by one, over the edges of blocks."""
+    fast, readable = both(problem(), prior, 5, n_particles=2 * LARGEST + 96, ess_threshold=0.9)
+    assert fast.survivors[25] * LONG < 2 * LARGEST
+    assert fast.survivors[25] > 2
+    assert_same(fast, readable)
 
 
 def test_landmarks_are_kept_once_for_each_ancestor():
@@ -56,9 +66,9 @@ def test_landmarks_are_kept_once_for_each_ancestor():
     laws = blocked.plan(cut(problem(), 12), prior)
     cloud = Clones(laws, 50, [np.random.default_rng(0)])
     before, places = cloud.static, np.sort(np.random.default_rng(1).integers(0, 50, 50))
-    cloud.resample(places)
+    cloud.resample(np.searchsorted(places, np.arange(50), side="right"))
     assert cloud.static.shape[1] == len(cloud.starts) == len(np.unique(places)) < 50
-    np.testing.assert_array_equal(cloud.static[:, cloud.group], before[:, places])
+    np.testing.assert_array_equal(cloud.spread_out(cloud.static), before[:, places])
 
 
 @pytest.mark.parametrize("n_particles", [FEWEST, 7, 100, FEW])
@@ -88,3 +98,16 @@ def test_who_runs_a_scheme(scheme, monkeypatch):
 def test_weights_that_are_all_zero_name_their_instant():
     with pytest.raises(InputError, match=r"At k = \d+: .* every weight is zero"), np.errstate(over="ignore"):
         sir(lost(), np.random.default_rng(0), n_particles=300)
+
+
+def test_a_covariance_far_smaller_than_what_surrounds_it():
+    """Nearly all weight at one place, far from where most particles are: differences of squares would drown it."""
+    rng = np.random.default_rng(0)
+    x, w = 1e3 + rng.standard_normal((3, 5000)), np.zeros(5000)
+    x[:, 17:20] = np.array([[1e3], [1e6], [-1e3]]) + 1e-4 * rng.standard_normal((3, 3))
+    w[17:20] = 0.5, 0.3, 0.2
+    mean, cov = _moments([x[:1], x[1:]], 7 * w, 7 * w.sum())
+    expected = weights.moments(x, w / w.sum())
+    np.testing.assert_allclose(mean, expected[0], rtol=1e-14)
+    np.testing.assert_allclose(cov, expected[1], rtol=1e-6)
+    assert (np.diag(cov) > 0).all()

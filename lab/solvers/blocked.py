@@ -22,39 +22,46 @@ import numpy as np
 
 from lab import weights
 from lab.problem import Problem
-from lab.resampling import of_strata
+from lab.resampling import ends_of_strata
 from lab.result import Filtered
-from lab.solvers.clones import Clones, blocks, normals
+from lab.solvers.clones import Clones, blocks
 from lab.solvers.plan import Plan, plan
 from lab.solvers.proposals import GaussianProposal
 from lab.validation import Array, InputError
 
 ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
+HALF = np.sqrt(0.5)  # of y, so that its square needs no division
+LONG = 1000  # particles, in which so many of a group have one ancestor that groups are gone through
 
 Term = tuple[slice, slice, Array]  # target rows += matrix @ source rows
 
 
 class _Step(NamedTuple):
-    """A step of a plan without its zeros.
+    """A step of a plan as products that all read the particles before the step.
 
     Attributes
     ----------
-    move : (n_moving, r) array
-        Of the first r rows.
-    measure, correct, draw : list of Term
-        -H of the active rows, K, and the spread.
-    z, of_static : (p, 1), (p, s) array
-        The measurement, and H of the static rows.
+    lead : (n_moving + p, e + r) array
+        From the noise and the first r active rows to the rows that F moves, and to y.
+    measure, correct : list of Term
+        From the other active rows to y; from y to the active rows, and from the noise, if need be, to those that F does
+        not move.
+    draws_on : bool
+        Whether there is that need.
+    shift : (n_moving, 1) array
+    expected, of_static : (p, 1), (p, s) array
+        The parts of y that need no active row.  The log-weight loses |y|^2.
     constant : float
     n_draws : int
     """
 
-    move: Array
+    lead: Array
     measure: list[Term]
     correct: list[Term]
-    draw: list[Term]
-    z: Array
+    draws_on: bool
+    shift: Array
+    expected: Array
     of_static: Array
     constant: float
     n_draws: int
@@ -90,93 +97,117 @@ def run(
     log_evidence, ess = np.zeros((N, runs)), np.empty((N, runs))
     survivors: Any = np.empty((N, runs), dtype=np.int64)
     cloud = Clones(laws, P, rngs)
-    w, even = np.full((runs, P), 1 / P), np.log(1 / P)
-    logs = np.full((runs, P), even)
+    w, totals = np.ones((runs, P)), np.full(runs, float(P))
+    logs, shared = np.zeros((runs, P)), np.full(runs, -np.log(P))  # log-weights, and what all of a run have of them
     # a large array is dear the first time that it is written to, so these are written to again and again
-    scratch, marks = np.empty((runs, P)), np.empty((runs, P + 1), np.intp)
-    drawn = np.empty((max((step.n_draws for step in steps), default=0), runs * P))
+    room = np.empty((runs, P)), np.empty((runs, P), np.intp)
     for k in range(N):
         if k:
             tired: Any = np.flatnonzero(ess[k - 1] <= ess_threshold * P * (1 + ROUNDING))
             if len(tired):
                 shifts = np.array([rngs[i].random(P if resample == "stratified" else 1) for i in tired])
-                if runs == 1:
-                    w /= w.sum()
-                    cloud.resample(of_strata(w, shifts, (scratch, marks))[0])
-                else:
-                    ancestors = np.arange(runs * P).reshape(runs, P)
-                    totals = w[tired].sum(axis=1, keepdims=True)
-                    ancestors[tired] = of_strata(w[tired] / totals, shifts) + P * tired[:, np.newaxis]
-                    cloud.resample(ancestors.ravel())
-                logs[tired] = even
+                _resample(cloud, w, tired, shifts, room)
+                shared[tired] = -np.log(P)
+                for i in tired:
+                    logs[i] = 0
             step = steps[k - 1]
-            _make(step, cloud, laws, logs.ravel(), normals(step.n_draws, P, rngs, drawn))
-            log_totals = _normalise(logs, w, k)
-            logs -= log_totals[:, np.newaxis]
-            log_evidence[k] = log_evidence[k - 1] + log_totals
-        means[k], covs[k] = cloud.moments(w, scratch)
+            cloud.draw(step.n_draws)
+            _make(step, cloud, logs.ravel())
+            largest = _weigh(logs, w, k)
+            totals = w.sum(axis=1)
+            increment = largest + np.log(totals) + shared + step.constant
+            shared += step.constant - increment
+            log_evidence[k] = log_evidence[k - 1] + increment
+        means[k], covs[k] = cloud.moments(w, totals)
         if not np.isfinite(means[k]).all():
             raise InputError("A particle is NaN or infinite.")
-        ess[k], survivors[k] = 1 / np.sum(np.square(w, out=scratch), axis=1), cloud.survivors(runs)
+        ess[k] = [total**2 / (row @ row) for total, row in zip(totals, w, strict=True)]
+        survivors[k] = cloud.survivors(runs)
     back = np.argsort(laws.order)
     covs += laws.extra[:, np.newaxis]
     means, covs = means[..., back], covs[..., back][..., back, :]
     return [Filtered(means[:, i], covs[:, i], log_evidence[:, i], ess[:, i], survivors[:, i]) for i in range(runs)]
 
 
-def _normalise(logs: Array, w: Array, k: int) -> Array:
-    """Set each row of w to the weights, and return the log-totals, as `lab.weights.normalise` has them."""
+def _resample(cloud: Clones, w: Array, tired: Any, shifts: Array, room: tuple[Array, Any]) -> None:
+    """Replace the particles of the runs that are `tired` by their ancestors."""
+    runs, P = w.shape
+    if len(tired) == runs:
+        ends = ends_of_strata(w, shifts, room)
+    else:
+        ends = np.tile(np.arange(1, P + 1), (runs, 1))
+        ends[tired] = ends_of_strata(w[tired], shifts)
+    if runs > 1:
+        ends += P * np.arange(runs)[:, np.newaxis]
+    cloud.resample(ends.ravel())
+
+
+def _weigh(logs: Array, w: Array, k: int) -> Array:
+    """Set each row of w to the weights relative to the largest, and return the logarithm of that."""
     largest = logs.max(axis=1)
     if not np.isfinite(largest).all():
         try:
             weights.normalise(logs[np.flatnonzero(~np.isfinite(largest))[0]])
         except InputError as error:
             raise InputError(f"At k = {k}: {error}") from None
-    np.subtract(logs, largest[:, np.newaxis], out=w)
-    np.exp(w, out=w)
-    total = w.sum(axis=1)
-    w /= total[:, np.newaxis]
-    return np.asarray(largest + np.log(total))
+    for rows in blocks(logs.shape[1], len(logs)):
+        part = np.subtract(logs[:, rows], largest[:, np.newaxis], out=w[:, rows])
+        np.exp(part, out=part)
+    return np.asarray(largest)
 
 
 def _steps(laws: Plan) -> list[_Step]:
     """Return the steps of a plan, made at the first call."""
     if laws not in _prepared:
-        a, move = len(laws.B), laws.F[: laws.n_moving]
-        used = np.flatnonzero(move.any(axis=0))
-        move = np.ascontiguousarray(move[:, : used[-1] + 1 if len(used) else 0])
-        _prepared[laws] = [
-            _Step(
-                move,
-                _terms(-laws.H[step, :p, :a]),
-                _terms(laws.K[step, :, :p]),
-                _terms(laws.spread[step, :, :e]),
-                laws.z[step, :p, np.newaxis],
-                laws.H[step, :p, a:],
-                float(laws.constants[step]),
-                int(e),
+        a, m = len(laws.B), laws.n_moving
+        read = np.flatnonzero(laws.F[:m].any(axis=0))
+        r = max(m, int(read[-1]) + 1 if len(read) else 0)
+        moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
+        _prepared[laws] = []
+        for step, (p, e) in enumerate(laws.sizes):
+            z, H = laws.z[step, :p, np.newaxis] * HALF, laws.H[step, :p, :a] * HALF
+            drawn = laws.spread[step]
+            lead = np.zeros((m + p, drawn.shape[1] + r))
+            lead[:m] = np.hstack([drawn[:m], laws.F[:m, :r]])
+            lead[m:] = -H @ np.hstack([drawn * laws.draw_first, moved[:, :r]])
+            others, draws = np.zeros((p, a)), drawn.copy()
+            others[:, r:], draws[:m] = -H[:, r:], 0
+            _prepared[laws].append(
+                _Step(
+                    lead,
+                    _terms(others),
+                    _terms(np.hstack([laws.K[step, :, :p] / HALF, draws])),
+                    bool(draws.any()),
+                    laws.B[:m, np.newaxis],
+                    z - H[:, :m] @ laws.B[:m, np.newaxis],
+                    -laws.H[step, :p, a:] * HALF,
+                    float(laws.constants[step]),
+                    int(e),
+                )
             )
-            for step, (p, e) in enumerate(laws.sizes)
-        ]
     return _prepared[laws]
 
 
-def _make(step: _Step, cloud: Clones, laws: Plan, logs: Array, drawn: Array) -> None:
-    """Move and draw the particles in place, and add the logarithms of their likelihoods to `logs` (runs P,)."""
-    shift = laws.B[: laws.n_moving, np.newaxis]
-    expected = step.z - cloud.product(step.of_static, cloud.static)  # but for the active rows, and per ancestor
-    alone = cloud.alone
-    for rows in blocks(len(logs)):
-        x = cloud.x[:, rows]
-        x[: len(shift)] = cloud.product(step.move, x[: step.move.shape[1]]) + shift
-        if laws.draw_first:
-            _add(cloud, x, step.draw, drawn[:, rows])
-        y = expected[:, rows].copy() if alone else expected.take(cloud.group[rows], axis=1)
+def _make(step: _Step, cloud: Clones, logs: Array) -> None:
+    """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
+    m, p, expected = len(step.shift), len(step.expected), step.expected
+    if step.of_static.any():
+        expected = expected + cloud.product(step.of_static, cloud.static)
+        if len(logs) < expected.shape[1] * LONG:
+            expected = cloud.spread_out(expected)
+    for rows in blocks(len(logs), len(cloud.both)):
+        x, noise = cloud.x[:, rows], cloud.noise[:, rows]
+        room = np.empty((len(step.lead) + len(noise) * step.draws_on, x.shape[1]))
+        lead, y = room[: m + p], room[m : m + p]
+        cloud.product(step.lead, cloud.both[: step.lead.shape[1], rows], out=lead)
+        room[m + p :] = noise[: len(room) - len(lead)]
+        cloud.add(y, expected, rows)
         _add(cloud, y, step.measure, x)
-        logs[rows] += step.constant - np.einsum("ij,ij->j", y, y) / 2
-        _add(cloud, x, step.correct, y)
-        if not laws.draw_first:
-            _add(cloud, x, step.draw, drawn[:, rows])
+        np.add(lead[:m], step.shift, out=x[:m])
+        _add(cloud, x, step.correct, room[m:])
+        np.square(y, out=y)
+        for square in y:
+            logs[rows] -= square
 
 
 def _terms(matrix: Array) -> list[Term]:

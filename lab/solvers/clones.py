@@ -6,17 +6,20 @@ ascending order, so descendants stay neighbours: a group, whose weights are adde
 long cloud.  Called by `lab.solvers.blocked`.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from lab.resampling import ancestors_of
 from lab.solvers.plan import Plan
 from lab.validation import Array
 
 FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
-BLOCK = 4000  # particles; no power of two, since rows at such distances would share places in the cache
+BLOCK = 48_000  # numbers that are worked on at a time: they stay in the cache
+SMALLEST, LARGEST = 1000, 12_000  # particles of a block: calls are not free either
 PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 
 
@@ -33,102 +36,114 @@ class Clones:
 
     Attributes
     ----------
-    x : (a, runs P) array
-        Active rows.
+    noise, x : (e, runs P), (a, runs P) array
+        The normals drawn last, and the active rows.
+    both : (e + a, runs P) array
+        One above the other: those two are parts of it.
     static : (s, G) array
         The other rows, once for each living ancestor.
-    product : function
-        Of two matrices, the second with a column for each particle or ancestor.
-    group : (runs P,) array of int
-        Of each particle, its ancestor's column of `static`; ascending.
     starts : (G,) array of int
-        The first particle of each group.
+        The first descendant of each ancestor.
+    product : function
+        Of two matrices, the second with a column for each particle or ancestor; keyword `out`.
     """
 
     def __init__(self, laws: Plan, n_particles: int, rngs: Sequence[np.random.Generator]) -> None:
-        a, n_columns = len(laws.B), n_particles * len(rngs)
-        self.x, self._other = _padded(a, n_columns), _padded(a, n_columns)
-        n_draws = laws.spread_0.shape[1]
-        drawn = normals(n_draws, n_particles, rngs, np.empty((n_draws, n_columns)))
+        a, e = laws.spread.shape[1:]
+        n_columns = n_particles * len(rngs)
+        self._rngs, self._n_particles = rngs, n_particles
         # BLAS computes columns in groups, and a last digit may depend on a column's place
-        self.product: Callable[[Array, Array], Array] = (
-            partial(np.einsum, "ij,jk->ik") if n_particles <= FEW else np.dot
-        )
-        for rows in blocks(n_columns):
+        self.product: Callable[..., Array] = partial(np.einsum, "ij,jk->ik") if n_particles <= FEW else np.dot
+        drawn = _padded(laws.spread_0.shape[1], n_columns)
+        self._draw(drawn)
+        self.both, self._other = _padded(e + a, n_columns), _padded(e + a, n_columns)
+        self.noise, self.x = self.both[:e], self.both[e:]
+        for rows in blocks(n_columns, a):
             self.x[:, rows] = self.product(laws.spread_0[:a], drawn[:, rows])
         self.x += laws.m0[:a, np.newaxis]
         self.static = laws.m0[a:, np.newaxis] + self.product(laws.spread_0[a:], drawn)
-        self.group = self.starts = np.arange(n_columns)
-        self._other_group = np.empty(n_columns, np.intp)
+        self.starts, self._ancestors = np.arange(n_columns), np.empty(n_columns, np.intp)
 
-    @property
-    def alone(self) -> bool:
-        """Whether every particle is the only descendant of its ancestor."""
-        return len(self.starts) == len(self.group)
+    def draw(self, n_rows: int) -> None:
+        """Draw the first rows of the noise, those of a run from its own generator."""
+        self._draw(self.noise[:n_rows])
 
-    def resample(self, ancestors: Any) -> None:
-        """Replace the particles by their ancestors, given in ascending order."""
-        self.x, self._other = self._other, self.x
-        for rows in blocks(len(ancestors)):
-            for new, old in zip(self.x, self._other, strict=True):
-                np.take(old, ancestors[rows], out=new[rows], mode="clip")
-        self.group, self._other_group = self._other_group, self.group
-        group = np.take(self._other_group, ancestors, out=self.group, mode="clip")
-        begins = np.flatnonzero(group[1:] != group[:-1]) + 1
-        self.starts = np.concatenate([[0], begins])
-        self.static = self.static[:, group[self.starts]]
-        group[:] = 0
-        group[begins] = 1
-        np.cumsum(group, out=group)
+    def _draw(self, room: Array) -> None:
+        for run, rng in enumerate(self._rngs):
+            for row in room[:, run * self._n_particles : (run + 1) * self._n_particles]:
+                rng.standard_normal(out=row)
 
-    def moments(self, w: Array, scratch: Array) -> tuple[Array, Array]:
-        """Return means (runs, n) and covariances (runs, n, n) of the particles with weights w; all (runs, P)."""
+    def spread_out(self, columns: Array) -> Array:
+        """Return for each particle the column of its ancestor: (.., runs P) from (.., G)."""
+        n_columns = self.x.shape[1]
+        if columns.shape[1] == n_columns:  # every particle is the only descendant of its ancestor
+            return columns
+        return np.repeat(columns, np.diff(self.starts, append=n_columns), axis=1)
+
+    def add(self, target: Array, columns: Array, rows: slice) -> None:
+        """Add to the particles of a block, in `target`, a column: the only one, or of each particle or its ancestor."""
+        n_columns = self.x.shape[1]
+        if columns.shape[1] in (1, n_columns):
+            target += columns[:, rows] if columns.shape[1] > 1 else columns
+            return
+        starts = [*self.starts.tolist(), n_columns]
+        group = bisect_right(starts, rows.start) - 1
+        while starts[group] < rows.stop:
+            begin, end = max(starts[group] - rows.start, 0), starts[group + 1] - rows.start
+            target[:, begin:end] += columns[:, group : group + 1]
+            group += 1
+
+    def resample(self, ends: Any) -> None:
+        """Replace the particles by their offspring; `ends` (runs P,) counts that of each and of those before it."""
+        e, ancestors = len(self.noise), ancestors_of(ends, self._ancestors)
+        self.both, self._other = self._other, self.both
+        self.noise, self.x = self.both[:e], self.both[e:]
+        for new, old in zip(self.x, self._other[e:], strict=True):
+            np.take(old, ancestors, out=new, mode="clip")
+        starts = np.concatenate([[0], ends[self.starts[1:] - 1]])
+        alive = np.diff(starts, append=len(ends)) > 0
+        self.starts, self.static = starts[alive], self.static[:, alive]
+
+    def moments(self, w: Array, totals: Array) -> tuple[Array, Array]:
+        """Return means (runs, n) and covariances (runs, n, n) of the particles; weights (runs, P) and sums (runs,)."""
         runs, P = w.shape
         if P <= FEW:
-            static = self.static if self.alone else self.static.take(self.group, axis=1)
-            x = np.concatenate([self.x, static]).reshape(-1, runs, P).transpose(1, 0, 2).copy()
+            w = w / totals[:, np.newaxis]
+            x = np.concatenate([self.x, self.spread_out(self.static)]).reshape(-1, runs, P).transpose(1, 0, 2).copy()
             means = (x @ w[:, :, np.newaxis])[:, :, 0]
             x -= means[:, :, np.newaxis]
             x *= np.sqrt(w)[:, np.newaxis]
             return means, x @ x.transpose(0, 2, 1)
-        each = [self._large_moments(w[run], slice(run * P, (run + 1) * P), scratch[run]) for run in range(runs)]
+        each = [self._large_moments(w[i], totals[i], slice(i * P, (i + 1) * P)) for i in range(runs)]
         return np.array([mean for mean, _ in each]), np.array([cov for _, cov in each])
 
-    def _large_moments(self, w: Array, particles: slice, scratch: Array) -> tuple[Array, Array]:
+    def _large_moments(self, w: Array, total: float, particles: slice) -> tuple[Array, Array]:
         first, end = (int(place) for place in np.searchsorted(self.starts, (particles.start, particles.stop)))
         starts, static, x = self.starts[first:end] - particles.start, self.static[:, first:end], self.x[:, particles]
         if len(starts) == len(w) or not len(static):
-            parts = [part for part in (x, static) if len(part)]
-            mean = np.concatenate([part @ w for part in parts])
-            return mean, _scatter(parts, mean, w)
-        a, n = len(x), len(x) + len(static)
-        mean, cov, shares = np.empty(n), np.empty((n, n)), np.add.reduceat(w, starts)
-        mean[:a], mean[a:] = x @ w, static @ shares
-        cov[:a, :a] = _scatter([x], mean[:a], w)
-        cov[a:, a:] = _scatter([static], mean[a:], shares)
-        sums = [
-            np.add.reduceat(np.multiply(row, w, out=scratch), starts) - m * shares
-            for row, m in zip(x, mean, strict=False)
-        ]
-        cov[:a, a:] = np.stack(sums) @ (static - mean[a:, np.newaxis]).T
+            return _moments([part for part in (x, static) if len(part)], w, total)
+        a, n, sums = len(x), len(x) + len(static), np.zeros((len(x), len(starts)))
+        mean, cov = np.empty(n), np.empty((n, n))
+        mean[:a], cov[:a, :a] = _moments([x], w, total, starts, sums)
+        mean[a:], cov[a:, a:] = _moments([static], np.add.reduceat(w, starts), total)
+        cov[:a, a:] = sums @ (static - mean[a:, np.newaxis]).T / total
         cov[a:, :a] = cov[:a, a:].T
         return mean, cov
 
     def survivors(self, runs: int) -> Any:
         """Return how many ancestors of time 0 each run has left."""
-        return np.bincount(self.starts * runs // len(self.group), minlength=runs)
+        return np.bincount(self.starts * runs // self.x.shape[1], minlength=runs)
 
 
-def normals(n_rows: int, n_particles: int, rngs: Sequence[np.random.Generator], room: Array) -> Array:
-    """Return the draws (n_rows, runs P), those of a run from its own generator; `room` has as many columns."""
-    if len(rngs) == 1:
-        return rngs[0].standard_normal(out=room[:n_rows])
-    return np.concatenate([rng.standard_normal((n_rows, n_particles)) for rng in rngs], axis=1, out=room[:n_rows])
+def blocks(n_particles: int, n_rows: int) -> Sequence[slice]:
+    """Return the places of some thousand particles at a time, of which so many rows are worked on."""
+    size = block_size(n_rows)
+    return [slice(start, min(start + size, n_particles)) for start in range(0, n_particles, size)]
 
 
-def blocks(n_particles: int) -> Sequence[slice]:
-    """Return the places of some thousand particles at a time."""
-    return [slice(start, min(start + BLOCK, n_particles)) for start in range(0, n_particles, BLOCK)]
+def block_size(n_rows: int) -> int:
+    """Return how many particles are worked on at a time, of which so many rows are."""
+    return min(max(BLOCK // max(n_rows, 1), SMALLEST), LARGEST)
 
 
 def _padded(n_rows: int, n_columns: int) -> Array:
@@ -137,18 +152,32 @@ def _padded(n_rows: int, n_columns: int) -> Array:
     return np.zeros((n_rows, width))[:, :n_columns]
 
 
-def _scatter(parts: Sequence[Array], mean: Array, w: Array) -> Array:
-    """Return the weighted covariance of the rows of all parts about a mean."""
-    n = len(mean)
-    cov = np.zeros((n, n))
-    room = np.empty((n, BLOCK))
-    for rows in blocks(len(w)):
-        roots = np.sqrt(w[rows])
-        centred, begin = room[:, : len(roots)], 0
+def _moments(
+    parts: Sequence[Array], w: Array, total: float, starts: Any = None, sums: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the weighted mean and covariance of the rows of all parts, which are read once.
+
+    The heaviest particle is the origin: however small a covariance is, its distance from the mean cannot drown it.  The
+    rows' weighted sums over the groups that begin at `starts` (G,), as seen from there, are added to `sums` (n, G).
+    """
+    heaviest = np.argmax(w)
+    origin = np.concatenate([part[:, heaviest] for part in parts])[:, np.newaxis]
+    n = len(origin)
+    first, second, (room, products) = np.zeros(n), np.zeros((n, n)), np.empty((2, n, block_size(n)))
+    for rows in blocks(len(w), n):
+        begin, size = 0, rows.stop - rows.start
+        centred, weighted = room[:, :size], products[:, :size]
         for part in parts:
             end = begin + len(part)
-            np.subtract(part[:, rows], mean[begin:end, np.newaxis], out=centred[begin:end])
+            np.subtract(part[:, rows], origin[begin:end], out=centred[begin:end])
             begin = end
-        centred *= roots
-        cov += centred @ centred.T
-    return cov
+        np.multiply(centred, w[rows], out=weighted)
+        first += centred @ w[rows]
+        second += weighted @ centred.T
+        if sums is not None:
+            from_group, to_group = np.searchsorted(starts, [rows.start, rows.stop - 1], side="right") - [1, 0]
+            places = np.maximum(starts[from_group:to_group] - rows.start, 0)
+            sums[:, from_group:to_group] += np.add.reduceat(weighted, places, axis=1)
+    first /= total
+    cov = second / total - np.outer(first, first)
+    return origin[:, 0] + first, (cov + cov.T) / 2  # rounding differs across the diagonal
