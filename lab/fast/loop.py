@@ -32,6 +32,7 @@ from lab.fast.block import (
     move,
     turns,
     weigh_by_measurement,
+    weigh_point,
     weights_of,
 )
 from lab.fast.genealogy import count_groups, lay_out, next_group, regroup
@@ -42,6 +43,7 @@ from lab.fast.sums import DENSE, add_moments, clear, finish, rescale
 from lab.validation import Array
 
 COLLAPSED = 2.0  # an ESS below it: the mean goes where single particles go, so that none is expected
+FAINT = 80.0  # a log-weight so far below that of the second heaviest block changes no digit: exp(-80) = 2e-35
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
 
@@ -175,14 +177,19 @@ def build(sources: int) -> Any:
                 wanted[j] = False
                 for r in range(p):
                     wanted[j] |= H_k[r, a + j] != 0.0
-            largest, heaviest = -np.inf, 0
+            bare = k > 0 and p > 0 and a == 2  # no row needs y
+            for i in range(a):
+                for r in range(p):
+                    bare &= K_k[i, r] == 0.0
+            largest, second_largest, least, heaviest = -np.inf, -np.inf, SMALLEST, 0
             for attempt in range(3):
                 clear(totals, first, second)
                 group = 0
                 for b in range(blocks):
                     groups = count_groups(starts, n_groups, group, b) if n_static else 1
-                    # a block without a weight above 0 adds nothing
-                    summed = not collapsed if attempt == 0 else largest_of(logs, b) - largest > SMALLEST
+                    point = bare and groups == 1
+                    # a block whose weights are next to nothing adds nothing
+                    summed = not collapsed if attempt == 0 else largest_of(logs, b) - largest > least
                     if attempt == 0:
                         normals(state, noise, e)
                         if k == 0:
@@ -192,7 +199,7 @@ def build(sources: int) -> Any:
                         elif resampled:
                             fetch(x, other, ancestors, b, n, a)
                     for j in range(n_static):
-                        if (groups > DENSE and summed) or (wanted[j] and attempt == 0):
+                        if (groups > DENSE and summed) or (wanted[j] and attempt == 0 and not point):
                             lay_out(rows, static, starts, n_groups, group, groups, b, j)
                     if attempt == 0:
                         if k:
@@ -200,6 +207,8 @@ def build(sources: int) -> Any:
                         for turn in range(2):
                             if (turn == 0) == draw_first:
                                 add_rows(x, spread_k, noise, b, a, e)
+                            elif point:
+                                weigh_point(x, static, group, z_k, H_k, b, p, constants[step] - log_total, logs)
                             elif k:
                                 weigh_by_measurement(x, rows, z_k, H_k, b, p, a, y, constants[step] - log_total, logs)
                                 add_rows(x, K_k, y, b, a, p)
@@ -207,7 +216,10 @@ def build(sources: int) -> Any:
                         if top > largest:
                             if not collapsed:
                                 rescale(math.exp(largest - top), totals, first, second)
+                            second_largest = largest
                             largest, heaviest = top, b
+                        elif top > second_largest:
+                            second_largest = top
                     tops[b] = -np.inf
                     if summed and largest > -np.inf:
                         tops[b] = largest
@@ -218,6 +230,7 @@ def build(sources: int) -> Any:
                         )
                     group = next_group(starts, n_groups, group, groups, b) if n_static else 0
                 if attempt == 0 and collapsed:
+                    least = max(least, second_largest - largest - FAINT)
                     # what weighs anything is near this one, and further from where the mean was expected
                     for lane in range(LANES):
                         if logs[heaviest, lane] == largest:
