@@ -30,6 +30,16 @@ def add_rows(target: Array, map_: Array, source: Array, b: int, n_rows: int, n_t
 
 
 @njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def correct_and_draw(x: Array, K: Array, y: Array, spread: Array, noise: Array, b: int, n_active: int) -> None:
+    """Add K @ y and spread @ noise to block b, for two components of z and two normals: each row is written once."""
+    for i in range(n_active):
+        k0, k1, s0, s1 = K[i, 0], K[i, 1], spread[i, 0], spread[i, 1]
+        if k0 != 0.0 or k1 != 0.0 or s0 != 0.0 or s1 != 0.0:
+            for lane in range(LANES):
+                x[b, i, lane] += k0 * y[0, lane] + k1 * y[1, lane] + s0 * noise[0, lane] + s1 * noise[1, lane]
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
 def turns(F: Array, n_moving: int) -> bool:
     """Whether nothing moves but a point in the plane, by itself."""
     alone = n_moving == 2
@@ -63,13 +73,22 @@ def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, tur
 
 
 @njit(error_model="numpy", nogil=True)
-def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int) -> None:
-    """Copy the ancestors of the particles of block b."""
-    held = min(LANES, n - b * LANES)
-    for i in range(n_active):
+def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int, places: Any) -> None:
+    """Copy the ancestors of the particles of block b; `places` (LANES,) is room for where they are."""
+    held, flat = min(LANES, n - b * LANES), old.reshape(-1)
+    if n_active > 2:
         for lane in range(held):
             ancestor = np.uint64(ancestors[b * LANES + lane])
-            new[b, i, lane] = old[ancestor >> BLOCK, i, ancestor & LANE]
+            places[lane] = (ancestor >> BLOCK) * np.uint64(n_active * LANES) + (ancestor & LANE)
+    for i in range(n_active):
+        row = np.uint64(i * LANES)
+        if n_active > 2:
+            for lane in range(held):
+                new[b, i, lane] = flat[places[lane] + row]
+        else:
+            for lane in range(held):
+                ancestor = np.uint64(ancestors[b * LANES + lane])
+                new[b, i, lane] = old[ancestor >> BLOCK, i, ancestor & LANE]
         for lane in range(held, LANES):
             new[b, i, lane] = 0.0
 
@@ -81,7 +100,7 @@ def weigh_by_measurement(
     """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b."""
     for r in range(p):
         z_r, done = z[r], 0
-        if n_active == 2:  # a point in the plane, in one pass
+        if n_active >= 2:  # in one pass
             h0, h1, done = H[r, 0], H[r, 1], 2
             for lane in range(LANES):
                 y[r, lane] = z_r - h0 * x[b, 0, lane] - h1 * x[b, 1, lane]

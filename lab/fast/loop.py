@@ -25,6 +25,7 @@ from numba import njit
 from lab.fast.arithmetic import SMALLEST
 from lab.fast.block import (
     add_rows,
+    correct_and_draw,
     fetch,
     fill_even,
     fill_mean,
@@ -146,7 +147,7 @@ def build(sources: int) -> Any:
         ends, points = np.empty(blocks + 1), np.empty(n + 1)
         n_draws = max(spread.shape[2], spread_0.shape[1])
         noise, y = np.empty((n_draws + 2, LANES)), np.empty((z.shape[1] + 1, LANES))
-        scratch = np.empty((n_moving + 1, LANES))
+        scratch, places = np.empty((n_moving + 1, LANES)), np.empty(LANES, np.uint64)
         centred, weighted = np.zeros((d + TILE, LANES)), np.zeros((d + TILE, LANES))
         centre, shared, wanted = m0.copy(), np.empty(n_static), np.zeros(n_static, np.bool_)
         totals, part = np.zeros(2), np.zeros(d + TILE)
@@ -177,6 +178,7 @@ def build(sources: int) -> Any:
                 wanted[j] = False
                 for r in range(p):
                     wanted[j] |= H_k[r, a + j] != 0.0
+            drawn_first = draw_first or k == 0
             bare = k > 0 and p > 0 and a == 2  # no row needs y
             for i in range(a):
                 for r in range(p):
@@ -197,21 +199,26 @@ def build(sources: int) -> Any:
                             fill_mean(static, m0, b, a, n_static)
                             add_rows(static, start_static, noise, b, n_static, e)
                         elif resampled:
-                            fetch(x, other, ancestors, b, n, a)
+                            fetch(x, other, ancestors, b, n, a, places)
                     for j in range(n_static):
                         if (groups > DENSE and summed) or (wanted[j] and attempt == 0 and not point):
                             lay_out(rows, static, starts, n_groups, group, groups, b, j)
                     if attempt == 0:
                         if k:
                             move(x, F, B, b, n_moving, a, turning, scratch)
-                        for turn in range(2):
-                            if (turn == 0) == draw_first:
-                                add_rows(x, spread_k, noise, b, a, e)
-                            elif point:
-                                weigh_point(x, static, group, z_k, H_k, b, p, constants[step] - log_total, logs)
-                            elif k:
-                                weigh_by_measurement(x, rows, z_k, H_k, b, p, a, y, constants[step] - log_total, logs)
+                        if drawn_first:
+                            add_rows(x, spread_k, noise, b, a, e)
+                        if point:
+                            weigh_point(x, static, group, z_k, H_k, b, p, constants[step] - log_total, logs)
+                        elif k:
+                            weigh_by_measurement(x, rows, z_k, H_k, b, p, a, y, constants[step] - log_total, logs)
+                        if not (drawn_first or point) and p == e == 2:
+                            correct_and_draw(x, K_k, y, spread_k, noise, b, a)
+                        else:
+                            if not point:
                                 add_rows(x, K_k, y, b, a, p)
+                            if not drawn_first:
+                                add_rows(x, spread_k, noise, b, a, e)
                         top = largest_of(logs, b)
                         if top > largest:
                             if not collapsed:
