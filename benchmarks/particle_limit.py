@@ -70,7 +70,7 @@ def stream(x, logs):
 
 
 @njit(nogil=True)
-def resample(even, weights, tops, state, scratch, ends, points, before, ancestors, new, old):
+def resample(even, weights, tops, state, scratch, ends, points, before, ancestors, places, new, old):
     """Draw ancestors and fetch them."""
     n = BLOCKS * LANES
     for b in range(BLOCKS):
@@ -78,7 +78,7 @@ def resample(even, weights, tops, state, scratch, ends, points, before, ancestor
             weights[b, lane] = even[b, lane]
     offspring.resample(offspring.SYSTEMATIC, weights, tops, 0.0, n, state, scratch, ends, points, before, ancestors)
     for b in range(BLOCKS):
-        block.fetch(new, old, ancestors, b, n, old.shape[1])
+        block.fetch(new, old, ancestors, b, n, old.shape[1], places)
 
 
 def parts() -> dict[str, Callable[[], object]]:
@@ -91,7 +91,7 @@ def parts() -> dict[str, Callable[[], object]]:
     n = BLOCKS * LANES
     cloud_weights = (np.exp(logs), np.empty((BLOCKS, LANES)), np.zeros(BLOCKS))
     room = (np.empty((1, LANES)), np.empty(BLOCKS + 1), np.empty(n + 1))
-    counts = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32))
+    counts = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(LANES, np.uint64))
     acts = {"normals": partial(draw, state, out), "exp": partial(weigh, logs, weights, totals)}
     for name, rows in (("SIR", 2), ("RBPF", 12)):
         cloud, other = rng.standard_normal((BLOCKS, rows, LANES)), np.empty((BLOCKS, rows, LANES))

@@ -32,6 +32,7 @@ from lab.validation import Array, InputError
 ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 HALF = np.sqrt(0.5)  # of y, so that its square needs no division
+LEAST = -600.0  # log-weights so far below the largest count as 0: with numbers near the smallest one, all is slow
 LONG = 1000  # particles, in which so many of a group have one ancestor that groups are gone through
 
 Term = tuple[slice, slice, Array]  # target rows += matrix @ source rows
@@ -152,6 +153,8 @@ def _weigh(logs: Array, w: Array, k: int) -> Array:
             raise InputError(f"At k = {k}: {error}") from None
     for rows in blocks(logs.shape[1], len(logs)):
         part = np.subtract(logs[:, rows], largest[:, np.newaxis], out=w[:, rows])
+        if part.min() < LEAST:
+            part[part < LEAST] = -np.inf
         np.exp(part, out=part)
     return np.asarray(largest)
 
