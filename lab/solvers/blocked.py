@@ -31,15 +31,17 @@ from lab.validation import Array, InputError
 
 ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
-HALF = np.sqrt(0.5)  # of y, so that its square needs no division
+ROOT_HALF = np.sqrt(0.5)  # goes into y, so that its square needs no factor
 LEAST = -600.0  # log-weights so far below the largest count as 0: with numbers near the smallest one, all is slow
-LONG = 1000  # particles, in which so many of a group have one ancestor that groups are gone through
+LONG = 1000  # particles: where groups have as many on average, they are gone through one by one
 
 Term = tuple[slice, slice, Array]  # target rows += matrix @ source rows
 
 
 class _Step(NamedTuple):
     """A step of a plan as products that all read the particles before the step.
+
+    y is what the measurement has beyond what a particle expects, whitened, times the root of a half.
 
     Attributes
     ----------
@@ -52,7 +54,7 @@ class _Step(NamedTuple):
         Whether there is that need.
     shift : (n_moving, 1) array
     expected, of_static : (p, 1), (p, s) array
-        The parts of y that need no active row.  The log-weight loses |y|^2.
+        The parts of y that need no active row.
     constant : float
     n_draws : int
     """
@@ -168,7 +170,7 @@ def _steps(laws: Plan) -> list[_Step]:
         moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
         _prepared[laws] = []
         for step, (p, e) in enumerate(laws.sizes):
-            z, H = laws.z[step, :p, np.newaxis] * HALF, laws.H[step, :p, :a] * HALF
+            z, H = laws.z[step, :p, np.newaxis] * ROOT_HALF, laws.H[step, :p, :a] * ROOT_HALF
             drawn = laws.spread[step]
             lead = np.zeros((m + p, drawn.shape[1] + r))
             lead[:m] = np.hstack([drawn[:m], laws.F[:m, :r]])
@@ -179,11 +181,11 @@ def _steps(laws: Plan) -> list[_Step]:
                 _Step(
                     lead,
                     _terms(others),
-                    _terms(np.hstack([laws.K[step, :, :p] / HALF, draws])),
+                    _terms(np.hstack([laws.K[step, :, :p] / ROOT_HALF, draws])),
                     bool(draws.any()),
                     laws.B[:m, np.newaxis],
                     z - H[:, :m] @ laws.B[:m, np.newaxis],
-                    -laws.H[step, :p, a:] * HALF,
+                    -laws.H[step, :p, a:] * ROOT_HALF,
                     float(laws.constants[step]),
                     int(e),
                 )
