@@ -10,7 +10,7 @@ from lab.resampling import RESAMPLERS
 from lab.result import collect
 from lab.solvers import blocked, particle, particle_steps, sir
 from lab.solvers.blocked import LONG
-from lab.solvers.clones import FEW, LARGEST, Clones, _moments
+from lab.solvers.clones import FEW, LARGEST, MANY, Clones, _moments
 from lab.solvers.proposals import prior
 from lab.solvers.together import FEWEST
 from lab.validation import InputError
@@ -111,3 +111,13 @@ def test_a_covariance_far_smaller_than_what_surrounds_it():
     np.testing.assert_allclose(mean, expected[0], rtol=1e-14)
     np.testing.assert_allclose(cov, expected[1], rtol=1e-6)
     assert (np.diag(cov) > 0).all()
+
+
+@pytest.mark.parametrize("n", [MANY, MANY + 1])
+def test_moments_of_few_and_of_many_rows(n):
+    rng = np.random.default_rng(n)
+    x, w = 10 + rng.standard_normal((n, 3000)), rng.gamma(0.3, size=3000)
+    mean, cov = _moments([x[:2], x[2:]], w, w.sum())
+    expected = weights.moments(x, w / w.sum())
+    np.testing.assert_allclose(mean, expected[0], rtol=1e-13)
+    np.testing.assert_allclose(cov, expected[1], rtol=0, atol=1e-13)

@@ -28,7 +28,10 @@ SECONDS = 20.0  # for one call
 KEPT = 200  # characters of what was printed, or of a message
 SMALL = 9  # entries: a global array with no more is a constant, such as an identity
 STAND_INS = "lab.checks.stand_ins"  # whose calls are not the answer's own
-OURS = ("lab.solvers", "lab.gaussian", "lab.weights", "lab.resampling", "lab.theory", "lab.compare", "lab.ekfslam")
+OURS = (
+    *("lab.solvers", "lab.gaussian", "lab.weights", "lab.resampling", "lab.theory", "lab.ekfslam"),
+    *("lab.compare", "lab.units", "lab.work"),
+)
 
 
 class TimeUp(BaseException):

@@ -100,7 +100,7 @@ def weigh_by_measurement(
     """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b."""
     for r in range(p):
         z_r, done = z[r], 0
-        if n_active >= 2:  # in one pass
+        if n_active >= 2:  # the first two in one pass
             h0, h1, done = H[r, 0], H[r, 1], 2
             for lane in range(LANES):
                 y[r, lane] = z_r - h0 * x[b, 0, lane] - h1 * x[b, 1, lane]

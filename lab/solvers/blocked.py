@@ -45,7 +45,7 @@ class _Step(NamedTuple):
 
     Attributes
     ----------
-    lead : (n_moving + p, e + r) array
+    lead : (n_moving + p, n_draws + r) array
         From the noise and the first r active rows to the rows that F moves, and to y.
     measure, correct : list of Term
         From the other active rows to y; from y to the active rows, and from the noise, if need be, to those that F does
@@ -171,12 +171,12 @@ def _steps(laws: Plan) -> list[_Step]:
         _prepared[laws] = []
         for step, (p, e) in enumerate(laws.sizes):
             z, H = laws.z[step, :p, np.newaxis] * ROOT_HALF, laws.H[step, :p, :a] * ROOT_HALF
-            drawn = laws.spread[step]
+            drawn = laws.spread[step, :, :e]
             lead = np.zeros((m + p, drawn.shape[1] + r))
             lead[:m] = np.hstack([drawn[:m], laws.F[:m, :r]])
             lead[m:] = -H @ np.hstack([drawn * laws.draw_first, moved[:, :r]])
-            others, draws = np.zeros((p, a)), drawn.copy()
-            others[:, r:], draws[:m] = -H[:, r:], 0
+            others = np.hstack([np.zeros((p, r)), -H[:, r:]])
+            draws = np.vstack([np.zeros_like(drawn[:m]), drawn[m:]])
             _prepared[laws].append(
                 _Step(
                     lead,
@@ -196,15 +196,16 @@ def _steps(laws: Plan) -> list[_Step]:
 def _make(step: _Step, cloud: Clones, logs: Array) -> None:
     """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
     m, p, expected = len(step.shift), len(step.expected), step.expected
+    unused = len(cloud.noise) - step.n_draws
     if step.of_static.any():
         expected = expected + cloud.product(step.of_static, cloud.static)
         if len(logs) < expected.shape[1] * LONG:
             expected = cloud.spread_out(expected)
-    for rows in blocks(len(logs), len(cloud.both)):
-        x, noise = cloud.x[:, rows], cloud.noise[:, rows]
+    for rows in blocks(len(logs), max(len(cloud.both), len(step.lead))):
+        x, noise = cloud.x[:, rows], cloud.noise[unused:, rows]
         room = np.empty((len(step.lead) + len(noise) * step.draws_on, x.shape[1]))
         lead, y = room[: m + p], room[m : m + p]
-        cloud.product(step.lead, cloud.both[: step.lead.shape[1], rows], out=lead)
+        cloud.product(step.lead, cloud.both[unused : unused + step.lead.shape[1], rows], out=lead)
         room[m + p :] = noise[: len(room) - len(lead)]
         cloud.add(y, expected, rows)
         _add(cloud, y, step.measure, x)

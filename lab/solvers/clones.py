@@ -20,6 +20,7 @@ from lab.validation import Array
 FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
 BLOCK = 48_000  # numbers that are worked on at a time: they stay in the cache
 SMALLEST, LARGEST = 1000, 12_000  # particles of a block: calls are not free either
+MANY = 32  # rows, from which on BLAS takes half the time for a matrix times its own transpose
 PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 
 
@@ -65,8 +66,8 @@ class Clones:
         self.starts, self._ancestors = np.arange(n_columns), np.empty(n_columns, np.intp)
 
     def draw(self, n_rows: int) -> None:
-        """Draw the first rows of the noise, those of a run from its own generator."""
-        self._draw(self.noise[:n_rows])
+        """Draw the last rows of the noise, those of a run from its own generator."""
+        self._draw(self.noise[len(self.noise) - n_rows :])
 
     def _draw(self, room: Array) -> None:
         for run, rng in enumerate(self._rngs):
@@ -171,9 +172,15 @@ def _moments(
             end = begin + len(part)
             np.subtract(part[:, rows], origin[begin:end], out=centred[begin:end])
             begin = end
-        np.multiply(centred, w[rows], out=weighted)
-        first += centred @ w[rows]
-        second += weighted @ centred.T
+        if n > MANY and sums is None:
+            roots = np.sqrt(w[rows])
+            centred *= roots
+            first += centred @ roots
+            second += centred @ centred.T
+        else:
+            np.multiply(centred, w[rows], out=weighted)
+            first += centred @ w[rows]
+            second += weighted @ centred.T
         if sums is not None:
             from_group, to_group = np.searchsorted(starts, [rows.start, rows.stop - 1], side="right") - [1, 0]
             places = np.maximum(starts[from_group:to_group] - rows.start, 0)

@@ -22,7 +22,7 @@ from lab.problem import Problem
 from lab.solvers.proposals import GaussianProposal
 from lab.validation import Array
 
-RESIDUE = 1e-15  # of the largest entry: it moves no particle by the last digit of a position
+RESIDUE = 1e-15  # of the largest entry: what rounding leaves of a gain that is 0
 
 
 @dataclass(frozen=True, eq=False)
