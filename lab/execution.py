@@ -13,10 +13,10 @@ import os
 import signal
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
-from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 import cloudpickle
@@ -64,7 +64,12 @@ def threads(
 
 
 def processes(
-    function: Callable[[Item], Result], items: Sequence[Item], lost: Callable[[Item, str], Result], *, jobs: int
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    lost: Callable[[Item, str], Result],
+    *,
+    jobs: int,
+    beside: bool = False,
 ) -> Iterator[Result]:
     """Run items in `jobs` worker processes (-1: one per processor), each with one item at a time.
 
@@ -77,6 +82,8 @@ def processes(
     lost : function of item and str
         Makes the result of an item whose worker died, given the reason; the worker is replaced.
     jobs : int
+    beside : bool
+        Whether this process is one of them: it works while the others start, which pays when they take long to.
 
     Raises
     ------
@@ -88,24 +95,34 @@ def processes(
     object
         Results, in the order in which they end.
     """
-    waiting = iter(items)
+    waiting = deque(items)
     try:
         cloudpickle.dumps(function)
     except Exception as error:
         raise InputError(f"The work cannot be sent to other processes ({error}); run it in this one, jobs=1.") from None
     with _deaf_to_interrupts():
-        workers = [_Worker(function) for _ in range(min(_count(jobs), len(items)))]
+        workers = [_Worker(function) for _ in range(min(_count(jobs), len(items)) - beside)]
     try:
-        running = {worker.submit(item): (worker, item) for worker, item in zip(workers, waiting, strict=False)}
-        while running:
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+        running: dict[Future[Any], tuple[_Worker, Item]] = {}
+        idle = workers * (2 if beside else 1)  # the second item waits there, since this process may not see the end
+        while waiting or running:
+            while idle and waiting:
+                worker, item = idle.pop(0), waiting.popleft()
+                running[worker.submit(item)] = (worker, item)
+            if beside and waiting:
+                yield function(waiting.popleft())
+            at_once = 0 if beside and waiting else None
+            for future in wait(running, at_once, FIRST_COMPLETED).done:
                 worker, item = running.pop(future)
                 try:
                     result = future.result()
                 except BrokenExecutor:
                     result = lost(item, DIED)
-                for following in islice(waiting, 1):  # before the result is looked at, so that the worker has work
+                if waiting:  # before the result is looked at, so that the worker has work
+                    following = waiting.popleft()
                     running[worker.submit(following)] = (worker, following)
+                else:
+                    idle.append(worker)
                 yield result
         for worker in workers:
             worker.end()
@@ -118,14 +135,12 @@ def _count(jobs: int) -> int:
     return int(joblib.cpu_count()) if jobs == -1 else jobs
 
 
-_function: Callable[[Any], Any]  # of a worker process, where `_install` puts it
+_function: Callable[[Any], Any]  # of a worker process, where `_take` puts it
 
 
-def _install(function: Callable[[Any], Any]) -> None:
-    global _function
+def _install() -> None:
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # in a worker that replaces another
-    _function = function
 
 
 def _end_with_parent(parent: int) -> None:
@@ -133,6 +148,11 @@ def _end_with_parent(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1)
     os._exit(1)
+
+
+def _take(function: Callable[[Any], Any]) -> None:
+    global _function
+    _function = function
 
 
 def _call(item: Any) -> Any:
@@ -145,10 +165,10 @@ class _Worker:
     def __init__(self, function: Callable[[Any], Any]) -> None:
         self._function = function
         self._start()
-        self._pool.submit(int)
 
     def _start(self) -> None:
-        self._pool: Any = ProcessPoolExecutor(max_workers=1, initializer=_install, initargs=(self._function,))
+        self._pool: Any = ProcessPoolExecutor(max_workers=1, initializer=_install)
+        self._pool.submit(_take, self._function)  # not with the initializer, for which this process would wait
 
     def submit(self, item: Any) -> "Future[Any]":
         try:

@@ -96,6 +96,36 @@ def test_a_death_loses_its_own_item_only():
     assert all("worker process died" in r[2] for r in results if r[0] == "lost")
 
 
+def elsewhere(item, *, here, deadly=()):
+    """Take a while; die of some items, but not in the process `here`."""
+    time.sleep(0.05)
+    return work(item, deadly=() if os.getpid() == here else deadly)
+
+
+@pytest.mark.parametrize(("jobs", "items"), [(1, 6), (2, 40), (3, 60), (2, 1), (2, 0)])
+def test_this_process_takes_its_part(jobs, items):
+    function = partial(elsewhere, here=os.getpid())
+    results = list(execution.processes(function, range(items), lost, jobs=jobs, beside=True))
+    assert sorted(square for square, _ in results) == [i * i for i in range(items)]
+    workers = [worker for _, worker in results]
+    assert len(set(workers)) <= jobs
+    if jobs > 1 and items > 1:
+        assert 1 < workers.count(os.getpid()) < items - 1
+
+
+def test_a_worker_that_dies_beside_this_process_loses_what_it_was_given_and_nothing_else():
+    """It may have been given two items; its successors die, too."""
+    here = os.getpid()
+    function = partial(elsewhere, here=here, deadly=range(100))
+    results = list(execution.processes(function, range(40), lost, jobs=2, beside=True))
+    done = {r[0] for r in results if r[0] != "lost"}
+    gone = [r[1] for r in results if r[0] == "lost"]
+    assert all(r[1] == here for r in results if r[0] != "lost")
+    assert done == {i * i for i in {*range(40)} - {*gone}}
+    assert len(results) == 40
+    assert 1 <= len(gone) < 39
+
+
 def test_a_worker_killed_from_outside_between_two_items_costs_one_at_most():
     """It may be found dead before it is given the next item, or after."""
     results = []

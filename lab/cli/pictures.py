@@ -44,7 +44,7 @@ def write_comparison(
     on_done : function of int and int
         Told after each figure, or group of figures, how many of how many are there.
     jobs : int
-        Processes that draw; -1 for one per processor, 1 for none beside this one.
+        Processes that draw, this one among them; -1 for one per processor.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def write_comparison(
     """
     drawing = _Drawing(folder, comparison, experiment)
     groups: list[Group] = [*_GENERAL, *_suffixes(comparison.solvers).items()]
-    run: Execute = execution.here if jobs == 1 else partial(execution.processes, jobs=jobs)
+    run: Execute = execution.here if jobs == 1 else partial(execution.processes, jobs=jobs, beside=True)
     written: dict[Group, list[Picture]] = {}
     for group, pictures in run(drawing, groups[::-1], lambda group, _: drawing(group)):
         written[group] = pictures

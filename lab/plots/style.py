@@ -75,7 +75,14 @@ def new_figure(width: float, height: float) -> Figure:
 
 def save_png(figure: Figure, path: Path | IO[bytes], description: str, resolution: int = RESOLUTION) -> None:
     """Write a figure as PNG, to a path or an open file, with a description inside for those who cannot see it."""
+    engine, dpi = figure.get_layout_engine(), figure.dpi
+    if engine is not None and figure.axes:  # laid out here: savefig would draw all once more only to lay it out
+        figure.set_dpi(resolution)
+        engine.execute(figure)
+        figure.set_layout_engine("none")
     figure.savefig(path, format="png", dpi=resolution, metadata={"Description": description})
+    figure.set_dpi(dpi)
+    figure.set_layout_engine(engine)
 
 
 def png_description(data: bytes) -> str:
@@ -127,7 +134,10 @@ def legend_below(figure: Figure, *axes: Axes) -> Legend:
 def plain_log_ticks(axis: Axis) -> None:
     """Label a logarithmic axis with plain numbers, as in the tables: 1, 2, 5, 10... or decades when it is long."""
     low, high = axis.get_view_interval()
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1000 * low else (1.0,)))
+    long = high >= 1000 * low
+    axis.set_major_locator(LogLocator(subs=(1.0,) if long else (1.0, 2.0, 5.0)))
+    if long:  # eight ticks a decade would be many, and each takes a millisecond
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
