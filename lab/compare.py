@@ -24,7 +24,7 @@ from lab.progress import progress_bar
 from lab.solvers import Solver, compiled, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
 from lab.solvers.together import in_kernels
-from lab.units import Batch, batches, plan
+from lab.units import Batch, all_units, batches
 from lab.validation import InputError
 from lab.work import Work, threadpools
 
@@ -86,7 +86,7 @@ def compare(
         raise InputError(f"jobs must be at least 1, or -1 for one per processor, not {jobs!r}.")
     if not isinstance(solvers, Mapping) or not all(isinstance(label, str) for label in solvers):
         raise InputError('solvers must map labels to functions, as {"sir": sir}.')
-    units = plan(solvers, n_particles, runs=runs, seed=seed, data_sets=len(problems))
+    units = all_units(solvers, n_particles, runs=runs, seed=seed, data_sets=len(problems))
     if execute is None:
         execute = way_to_run(solvers, max(unit.n_particles for unit in units), jobs)
     exacts = tuple(map(kalman, problems))

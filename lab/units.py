@@ -21,7 +21,7 @@ TOGETHER = 10  # runs in one call, where that pays
 Batch = tuple[Unit, ...]  # of one solver, N and data set
 
 
-def plan(
+def all_units(
     solvers: Mapping[str, Solver], n_particles: Sequence[int] | int, *, runs: int, seed: int, data_sets: int = 1
 ) -> list[Unit]:
     """Return all units in the order data set, solver, N, run; an N given twice counts once.

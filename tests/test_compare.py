@@ -16,7 +16,7 @@ from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import guided, kalman, rbpf, sir, sis
 from lab.theory import forecast
-from lab.units import data_set_seeds, plan, unit_seed
+from lab.units import all_units, data_set_seeds, unit_seed
 from lab.validation import InputError
 from lab.work import Work
 
@@ -147,8 +147,8 @@ def test_seeds_differ_and_survive_a_spreadsheet():
     assert max(seeds) < 10**15  # what a spreadsheet keeps
 
 
-def test_plan_counts_an_n_given_twice_once():
-    units = plan({"a": sis}, [10, 20, 10], runs=2, seed=0)
+def test_an_n_given_twice_counts_once():
+    units = all_units({"a": sis}, [10, 20, 10], runs=2, seed=0)
     assert [(u.n_particles, u.run) for u in units] == [(10, 0), (10, 1), (20, 0), (20, 1)]
 
 

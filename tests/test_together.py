@@ -13,7 +13,7 @@ from lab.resampling import systematic
 from lab.solvers import compiled, guided, kalman, rbpf, sir, sis
 from lab.solvers.clones import FEW
 from lab.solvers.together import together
-from lab.units import TOGETHER, batches, plan
+from lab.units import TOGETHER, all_units, batches
 from lab.work import Work
 
 SOLVERS = {"sis": sis, "sir": partial(sir, ess_threshold=0.9, resample="stratified"), "guided": guided}
@@ -76,9 +76,9 @@ def test_kernels_are_loaded_before_the_clock_starts(monkeypatch):
 
 def test_who_is_in_a_batch_depends_on_nothing_else():
     """Neither on the number of runs, nor on the other solvers and sizes, nor on the order of units."""
-    few = batches(plan({"sir": sir}, [50], runs=14, seed=3), {"sir": sir})
+    few = batches(all_units({"sir": sir}, [50], runs=14, seed=3), {"sir": sir})
     assert [[unit.run for unit in batch] for batch in few] == [list(range(10)), list(range(10, 14))]
-    units = plan(SOLVERS | {"mine": kalman}, [50, 1000], runs=25, seed=3, data_sets=2)
+    units = all_units(SOLVERS | {"mine": kalman}, [50, 1000], runs=25, seed=3, data_sets=2)
     groups = batches(units[::-1], SOLVERS | {"mine": kalman})
     assert sorted(map(str, units)) == sorted(str(unit) for group in groups for unit in group)
     for group in groups:
