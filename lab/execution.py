@@ -17,6 +17,8 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, as_completed, wait
 from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol, TypeVar
 
 import cloudpickle
@@ -71,19 +73,20 @@ def processes(
     jobs: int,
     beside: bool = False,
 ) -> Iterator[Result]:
-    """Run items in `jobs` worker processes (-1: one per processor), each with one item at a time.
+    """Run items in `jobs` processes (-1: one per processor), each with one item at a time.
 
     Parameters
     ----------
     function : function of an item
-        Sent once to each worker.
+        Sent to each worker process.
     items : sequence
-        Started in this order.
+        Given out in this order.
     lost : function of item and str
         Makes the result of an item whose worker died, given the reason; the worker is replaced.
     jobs : int
     beside : bool
-        Whether this process is one of them: it works while the others start, which pays when they take long to.
+        Whether this process is one of them: it works while the others start, which pays when they take long to.  They
+        have one item more in hand, since this process may be busy when they end one; so a death may lose two.
 
     Raises
     ------
@@ -95,52 +98,58 @@ def processes(
     object
         Results, in the order in which they end.
     """
-    waiting = deque(items)
     try:
-        cloudpickle.dumps(function)
+        pickled = cloudpickle.dumps(function)
     except Exception as error:
         raise InputError(f"The work cannot be sent to other processes ({error}); run it in this one, jobs=1.") from None
-    with _deaf_to_interrupts():
-        workers = [_Worker(function) for _ in range(min(_count(jobs), len(items)) - beside)]
-    try:
-        running: dict[Future[Any], tuple[_Worker, Item]] = {}
-        idle = workers * (2 if beside else 1)  # the second item waits there, since this process may not see the end
-        while waiting or running:
-            while idle and waiting:
-                worker, item = idle.pop(0), waiting.popleft()
-                running[worker.submit(item)] = (worker, item)
-            if beside and waiting:
-                yield function(waiting.popleft())
-            at_once = 0 if beside and waiting else None
-            for future in wait(running, at_once, FIRST_COMPLETED).done:
-                worker, item = running.pop(future)
-                try:
-                    result = future.result()
-                except BrokenExecutor:
-                    result = lost(item, DIED)
-                if waiting:  # before the result is looked at, so that the worker has work
-                    following = waiting.popleft()
-                    running[worker.submit(following)] = (worker, following)
-                else:
-                    idle.append(worker)
-                yield result
-        for worker in workers:
-            worker.end()
-    finally:
-        for worker in workers:
-            worker.kill()
+    waiting = deque(items)
+    workers: list[_Worker] = []
+    with TemporaryDirectory(prefix="lab-") as folder:
+        file = Path(folder) / "function"
+        file.write_bytes(pickled)
+        try:
+            with _deaf_to_interrupts():
+                for _ in range(min(_count(jobs), len(items)) - beside):
+                    workers.append(_Worker(file))
+            running: dict[Future[Any], tuple[_Worker, Item]] = {}
+            for worker in workers * (1 + beside):
+                if len(waiting) > beside:  # one is left for this process
+                    item = waiting.popleft()
+                    running[worker.submit(item)] = (worker, item)
+            while waiting or running:
+                if beside and waiting:
+                    yield function(waiting.popleft())
+                at_once = 0 if beside and waiting else None
+                for future in wait(running, at_once, FIRST_COMPLETED).done:
+                    worker, item = running.pop(future)
+                    try:
+                        result = future.result()
+                    except BrokenExecutor:
+                        result = lost(item, DIED)
+                    if waiting:  # before the result is looked at, so that the worker has work
+                        following = waiting.popleft()
+                        running[worker.submit(following)] = (worker, following)
+                    yield result
+            for worker in workers:
+                worker.end()
+        finally:
+            for worker in workers:
+                worker.kill()
 
 
 def _count(jobs: int) -> int:
     return int(joblib.cpu_count()) if jobs == -1 else jobs
 
 
-_function: Callable[[Any], Any]  # of a worker process, where `_take` puts it
+_function: Callable[[Any], Any]  # of a worker process, where `_install` puts it
 
 
-def _install() -> None:
+def _install(file: Path) -> None:
+    """Begin a worker: also one by which loky replaces another that has grown, so nothing of it can come later."""
+    global _function
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # in a worker that replaces another
+    _function = cloudpickle.loads(file.read_bytes())
 
 
 def _end_with_parent(parent: int) -> None:
@@ -150,25 +159,23 @@ def _end_with_parent(parent: int) -> None:
     os._exit(1)
 
 
-def _take(function: Callable[[Any], Any]) -> None:
-    global _function
-    _function = function
-
-
 def _call(item: Any) -> Any:
     return _function(item)
 
 
 class _Worker:
-    """A pool of one process, started at once and again when it has died."""
+    """A pool of one process, started at once and again when it has died; finds its function in a file.
 
-    def __init__(self, function: Callable[[Any], Any]) -> None:
-        self._function = function
+    A pipe that a function does not fit in would keep this process waiting until the worker has started.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
         self._start()
 
     def _start(self) -> None:
-        self._pool: Any = ProcessPoolExecutor(max_workers=1, initializer=_install)
-        self._pool.submit(_take, self._function)  # not with the initializer, for which this process would wait
+        self._pool: Any = ProcessPoolExecutor(max_workers=1, initializer=_install, initargs=(self._file,))
+        self._pool.submit(int)
 
     def submit(self, item: Any) -> "Future[Any]":
         try:

@@ -6,6 +6,7 @@ import threading
 import time
 from functools import partial
 
+import cloudpickle
 import joblib
 import pytest
 
@@ -44,9 +45,9 @@ def test_one_worker_per_processor_and_none_too_many(monkeypatch):
 class Counted:
     """A worker of this process."""
 
-    def __init__(self, made, function):
+    def __init__(self, made, file):
         made.append(self)
-        self.function = function
+        self.function = cloudpickle.loads(file.read_bytes())
 
     def submit(self, item):
         future = execution.Future()
@@ -102,15 +103,15 @@ def elsewhere(item, *, here, deadly=()):
     return work(item, deadly=() if os.getpid() == here else deadly)
 
 
-@pytest.mark.parametrize(("jobs", "items"), [(1, 6), (2, 40), (3, 60), (2, 1), (2, 0)])
+@pytest.mark.parametrize(("jobs", "items"), [(1, 6), (2, 40), (3, 60), (2, 2), (3, 3), (4, 6), (2, 1), (2, 0)])
 def test_this_process_takes_its_part(jobs, items):
     function = partial(elsewhere, here=os.getpid())
     results = list(execution.processes(function, range(items), lost, jobs=jobs, beside=True))
     assert sorted(square for square, _ in results) == [i * i for i in range(items)]
     workers = [worker for _, worker in results]
     assert len(set(workers)) <= jobs
-    if jobs > 1 and items > 1:
-        assert 1 < workers.count(os.getpid()) < items - 1
+    assert workers.count(os.getpid()) >= min(items, 1)
+    assert (workers.count(os.getpid()) == items) == (jobs == 1 or items < 2)
 
 
 def test_a_worker_that_dies_beside_this_process_loses_what_it_was_given_and_nothing_else():
@@ -124,6 +125,52 @@ def test_a_worker_that_dies_beside_this_process_loses_what_it_was_given_and_noth
     assert done == {i * i for i in {*range(40)} - {*gone}}
     assert len(results) == 40
     assert 1 <= len(gone) < 39
+
+
+def grow(item):
+    """Keep 150 MB more of every item."""
+    kept.append(bytearray(os.urandom(1000) * 150_000))
+    time.sleep(0.55)  # it is measured between two items
+    return os.getpid()
+
+
+kept = []
+
+
+def test_a_worker_that_is_replaced_since_it_has_grown_knows_its_work():
+    """The pool replaces one that has grown by 300 MB, a second after it began at the earliest."""
+    pids = list(execution.processes(grow, range(7), lost, jobs=1))
+    assert len(pids) == 7
+    assert len(set(pids)) > 1
+
+
+def test_what_this_process_does_to_the_function_is_not_sent():
+    """It is pickled before this process works with it, which may remember things in it."""
+    function = Remembering()
+    results = list(execution.processes(function, range(30), lost, jobs=2, beside=True))
+    assert sorted(results) == list(range(30))
+    assert function.seen
+
+
+class Remembering:
+    """Cannot be pickled from its first call on."""
+
+    def __init__(self):
+        self.seen = []
+
+    def __call__(self, item):
+        self.seen.append(threading.Lock())
+        time.sleep(0.05)
+        return item
+
+
+def test_the_folder_of_the_function_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    results = execution.processes(work, range(4), lost, jobs=1)
+    next(results)
+    assert len(os.listdir(tmp_path)) == 1
+    results.close()
+    assert os.listdir(tmp_path) == []
 
 
 def test_a_worker_killed_from_outside_between_two_items_costs_one_at_most():

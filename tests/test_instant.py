@@ -1,9 +1,11 @@
 """Clouds, and truth beside estimate, by the geometry of their artists; the description inside a PNG."""
 
 import io
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Wedge
 from PIL import Image
@@ -105,3 +107,27 @@ def test_a_description_comes_back_from_its_png():
     Image.new("RGB", (2, 2)).save(plain, "png")
     assert png_description(plain.getvalue()) == ""
     assert png_description(b"") == ""
+
+
+@pytest.mark.parametrize("layout", ["none", "tight", "constrained"])
+def test_a_png_is_what_matplotlib_would_write_and_the_figure_is_drawn_once_and_stays_as_it_was(layout, monkeypatch):
+    def made():
+        figure = Figure((4, 3), dpi=90, layout=layout)
+        ax = figure.subplots()
+        figure.colorbar(ax.imshow(np.eye(3)), ax=ax)
+        ax.set(xlabel="a long label\nof two lines", title="title")
+        return figure
+
+    draws, draw = [], Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda *given: (draws.append(given[0]), draw(*given))[1])
+    with rc_context({"figure.constrained_layout.use": True}):  # which "none" is to leave alone
+        figure = made()
+        engine, plain, ours = figure.get_layout_engine(), io.BytesIO(), io.BytesIO()
+        save_png(figure, ours, "words")
+        assert draws == [figure]
+        assert (figure.get_layout_engine(), figure.dpi) == (engine, 90)
+        with pytest.raises(FileNotFoundError):
+            save_png(figure, Path("nowhere") / "a.png", "words")
+        assert (figure.get_layout_engine(), figure.dpi) == (engine, 90)
+        made().savefig(plain, format="png", dpi=120, metadata={"Description": "words"})
+    assert ours.getvalue() == plain.getvalue()

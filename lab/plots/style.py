@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -76,13 +77,16 @@ def new_figure(width: float, height: float) -> Figure:
 def save_png(figure: Figure, path: Path | IO[bytes], description: str, resolution: int = RESOLUTION) -> None:
     """Write a figure as PNG, to a path or an open file, with a description inside for those who cannot see it."""
     engine, dpi = figure.get_layout_engine(), figure.dpi
-    if engine is not None and figure.axes:  # laid out here: savefig would draw all once more only to lay it out
-        figure.set_dpi(resolution)
-        engine.execute(figure)
-        figure.set_layout_engine("none")
-    figure.savefig(path, format="png", dpi=resolution, metadata={"Description": description})
-    figure.set_dpi(dpi)
-    figure.set_layout_engine(engine)
+    with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):  # where None means none
+        try:
+            if engine is not None and figure.axes:  # laid out here: savefig would draw all once more to lay it out
+                figure.set_dpi(resolution)
+                engine.execute(figure)
+                figure.set_layout_engine(None)
+            figure.savefig(path, format="png", dpi=resolution, metadata={"Description": description})
+        finally:
+            figure.set_dpi(dpi)
+            figure.set_layout_engine(engine)
 
 
 def png_description(data: bytes) -> str:
