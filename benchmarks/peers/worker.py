@@ -1,9 +1,10 @@
 """What every peer's worker does around its own few lines: prepare, act when told, say how long it took.
 
 A worker is a process in its own environment.  It computes once (which compiles, and gives the answer that is checked),
-prints one line of JSON, and then acts once for every line that it reads, printing the seconds each time; so a driver
-can take turns between peers.  The seconds are the processor's (all threads added), so that other work on the machine
-does not count.  In the scripts beside this one `prepare` and `act` are what `serve` calls them.  Needs
+prints one line of JSON, and then acts for a second, once at least, for every line that it reads, printing the mean
+time of an act; so a driver can take turns between peers, and who is quick is not measured by what the others left of
+the caches alone.  The seconds are the processor's (all threads added), so that other work on the machine does not
+count.  In the scripts beside this one `prepare` and `act` are what `serve` calls them.  Needs
 numpy alone, in any version.
 """
 
@@ -13,6 +14,8 @@ import sys
 import time
 
 import numpy as np
+
+TURN = 1.0  # seconds of processor time, at least
 
 
 def peak_megabytes():
@@ -47,9 +50,12 @@ def serve(prepare, act, answer_to):
     del answer, state
     print(json.dumps({"first": first, "before": before, "peak": peak_megabytes()}), file=lines, flush=True)
     for _ in sys.stdin:
-        state = prepare()
-        start = time.process_time()
-        act(state)
-        seconds = time.process_time() - start
-        del state
-        print(json.dumps({"seconds": seconds, "peak": peak_megabytes()}), file=lines, flush=True)
+        seconds, acts = 0.0, 0
+        while seconds < TURN:
+            state = prepare()
+            start = time.process_time()
+            act(state)
+            seconds += time.process_time() - start
+            acts += 1
+            del state
+        print(json.dumps({"seconds": seconds / acts, "peak": peak_megabytes()}), file=lines, flush=True)
