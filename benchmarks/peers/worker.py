@@ -1,10 +1,10 @@
 """What every peer's worker does around its own few lines: prepare, act when told, say how long it took.
 
 A worker is a process in its own environment.  It computes once (which compiles, and gives the answer that is checked),
-prints one line of JSON, and then acts for a second, once at least, for every line that it reads, printing the mean
-time of an act; so a driver can take turns between peers, and who is quick is not measured by what the others left of
-the caches alone.  The seconds are the processor's (all threads added), so that other work on the machine does not
-count.  In the scripts beside this one `prepare` and `act` are what `serve` calls them.  Needs
+prints one line of JSON, and then, for every line that it reads, prepares and acts for a second, once at least, and
+prints the mean time of an act; so a driver can take turns between peers, and who is quick is not measured by what the
+others left of the caches alone.  The seconds are the processor's (all threads added), so that other work on the machine
+does not count.  In the scripts beside this one `prepare` and `act` are what `serve` calls them.  Needs
 numpy alone, in any version.
 """
 
@@ -15,7 +15,7 @@ import time
 
 import numpy as np
 
-TURN = 1.0  # seconds of processor time, at least
+TURN = 1.0  # seconds of processor time, preparing included, until no other act is begun
 
 
 def peak_megabytes():
@@ -50,8 +50,8 @@ def serve(prepare, act, answer_to):
     del answer, state
     print(json.dumps({"first": first, "before": before, "peak": peak_megabytes()}), file=lines, flush=True)
     for _ in sys.stdin:
-        seconds, acts = 0.0, 0
-        while seconds < TURN:
+        began, seconds, acts = time.process_time(), 0.0, 0
+        while acts == 0 or time.process_time() - began < TURN:
             state = prepare()
             start = time.process_time()
             act(state)
