@@ -4,11 +4,11 @@ Question answered: can this machine run the compiled loop?  `load` answers with 
 None where numba is missing or does not import; what takes their place is for the caller to know.  Arrays in, arrays
 out: nothing here knows of robots.
 
-    arithmetic   log, exp, directions         normals     the random stream
-    block        a step of 256 particles      genealogy   rows kept once per ancestor
+    kernel       how all are compiled         arithmetic  log, exp, directions
+    normals      the random stream            block       a step of 256 particles
+    genealogy    rows kept once per ancestor  offspring   resampling
     moments      sums over a block            sums        mean and covariance of them
-    offspring    resampling                   loop        a whole run
-    compiled     the run as a function kept on disk
+    loop         a whole run                  compiled    the run as a function kept on disk
 """
 
 import warnings

@@ -7,8 +7,10 @@ for one number at a time; polynomials after an exact reduction of the argument a
     exp x = 2^q exp r,                              q = round(x / log 2),  |r| <= log(2) / 2
     sin a, cos a,                                   |a| <= pi / 4
 
-The coefficients are those of the series themselves, cut where a term is below 1e-17.  No reordering of sums is allowed
-here (no fastmath): the reductions rest on the order.  Called by the kernels, in loops over lanes.
+The coefficients of exp are those of the series itself, cut where a term is below 1e-17; those of log, sin and cos fit
+their interval to 2^-57 or better.  No reordering of sums is allowed here: the reductions rest on the order.
+Source of the coefficients: FreeBSD's msun (Sun Microsystems 1993), e_log.c, k_sin.c, k_cos.c.
+Called by the kernels, in loops over lanes.
 """
 
 import math
@@ -16,8 +18,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import float64, njit, uint64
+from numba import float64, uint64
 from numba.extending import intrinsic
+
+from lab.fast.kernel import PRODUCTS, kernel
 
 LOG_2_HIGH = 6.93147180369123816490e-01  # the leading 33 bits of log 2: a whole number times it is exact
 LOG_2_LOW = 1.90821492927058770002e-10
@@ -29,6 +33,14 @@ POWER_52 = np.uint64(0x4330000000000000)  # of 2^52: a whole number in its manti
 BIAS = np.uint64(1023)
 EXPONENT = np.uint64(52)
 UNUSED = np.uint64(12)  # of 64 random bits, beyond the 52 of a mantissa
+# of log: 2 atanh(s) = 2 s + s t (L1 + L2 t + ...), t = s^2; of sin and cos
+L1, L2, L3 = 6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01
+L4, L5, L6 = 2.222219843214978396e-01, 1.818357216161805012e-01, 1.531383769920937332e-01
+L7 = 1.479819860511658591e-01
+S1, S2, S3 = -1.66666666666666324348e-01, 8.33333333332248946124e-03, -1.98412698298579493134e-04
+S4, S5, S6 = 2.75573137070700676789e-06, -2.50507602534068634195e-08, 1.58969099521155010221e-10
+C1, C2, C3 = 4.16666666666666019037e-02, -1.38888888888741095749e-03, 2.48015872894767294178e-05
+C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.13596475577881948265e-11
 
 
 def _as_double(context: Any, bits: Any) -> Any:
@@ -55,13 +67,13 @@ def _as_bits(context: Any, number: Any) -> Any:
 as_bits: Any = intrinsic(_as_bits)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def uniform(bits: Any) -> Any:
     """Return a number of (0, 1], uniform on a grid of 2^-52, from 64 random bits."""
     return 2.0 - as_double((bits >> UNUSED) | ONE)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def log(u: Any) -> Any:
     """Return log u of a positive normal number, to a few units in the last place."""
     bits = as_bits(u)
@@ -72,20 +84,17 @@ def log(u: Any) -> Any:
     exponent = exponent + 1.0 if large else exponent
     s = (m - 1.0) / (m + 1.0)
     t = s * s
-    series = 1 / 21
-    series = series * t + 1 / 19
-    series = series * t + 1 / 17
-    series = series * t + 1 / 15
-    series = series * t + 1 / 13
-    series = series * t + 1 / 11
-    series = series * t + 1 / 9
-    series = series * t + 1 / 7
-    series = series * t + 1 / 5
-    series = series * t + 1 / 3
-    return exponent * LOG_2_HIGH + (2.0 * s + (2.0 * s * t * series + exponent * LOG_2_LOW))
+    series = L7
+    series = series * t + L6
+    series = series * t + L5
+    series = series * t + L4
+    series = series * t + L3
+    series = series * t + L2
+    series = series * t + L1
+    return exponent * LOG_2_HIGH + (2.0 * s + (s * t * series + exponent * LOG_2_LOW))
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def exp(x: Any) -> Any:
     """Return exp x for x <= 0, to a few units in the last place; 0 below -708, -inf included."""
     held = x if x > SMALLEST else SMALLEST
@@ -108,30 +117,27 @@ def exp(x: Any) -> Any:
     return value if x > SMALLEST else 0.0
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def sine(a: Any) -> Any:
     """Return sin a for |a| <= pi / 4."""
     t = a * a
-    series = -1 / 1307674368000
-    series = series * t + 1 / 6227020800
-    series = series * t - 1 / 39916800
-    series = series * t + 1 / 362880
-    series = series * t - 1 / 5040
-    series = series * t + 1 / 120
-    series = series * t - 1 / 6
+    series = S6
+    series = series * t + S5
+    series = series * t + S4
+    series = series * t + S3
+    series = series * t + S2
+    series = series * t + S1
     return a + a * t * series
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def cosine(a: Any) -> Any:
     """Return cos a for |a| <= pi / 4."""
     t = a * a
-    series = 1 / 20922789888000
-    series = series * t - 1 / 87178291200
-    series = series * t + 1 / 479001600
-    series = series * t - 1 / 3628800
-    series = series * t + 1 / 40320
-    series = series * t - 1 / 720
-    series = series * t + 1 / 24
-    series = series * t - 1 / 2
-    return 1.0 + t * series
+    series = C6
+    series = series * t + C5
+    series = series * t + C4
+    series = series * t + C3
+    series = series * t + C2
+    series = series * t + C1
+    return 1.0 + t * (series * t - 0.5)

@@ -9,18 +9,19 @@ Called by `lab.fast.loop`.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from lab.fast.arithmetic import exp
+from lab.fast.kernel import PRODUCTS, SUMS, kernel, wide
 from lab.fast.normals import LANES
 from lab.validation import Array
 
 BLOCK, LANE = np.uint64(LANES.bit_length() - 1), np.uint64(LANES - 1)  # of a place: shift, mask
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def add_rows(target: Array, map_: Array, source: Array, b: int, n_rows: int, n_terms: int) -> None:
     """Add map_ @ source to the first rows of block b of `target`, leaving out the zeros of the map."""
+    wide()
     for i in range(n_rows):
         for q in range(n_terms):
             factor = map_[i, q]
@@ -29,9 +30,10 @@ def add_rows(target: Array, map_: Array, source: Array, b: int, n_rows: int, n_t
                     target[b, i, lane] += factor * source[q, lane]
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def correct_and_draw(x: Array, K: Array, y: Array, spread: Array, noise: Array, b: int, n_active: int) -> None:
     """Add K @ y and spread @ noise to block b, for two components of z and two normals: each row is written once."""
+    wide()
     for i in range(n_active):
         k0, k1, s0, s1 = K[i, 0], K[i, 1], spread[i, 0], spread[i, 1]
         if k0 != 0.0 or k1 != 0.0 or s0 != 0.0 or s1 != 0.0:
@@ -39,7 +41,7 @@ def correct_and_draw(x: Array, K: Array, y: Array, spread: Array, noise: Array, 
                 x[b, i, lane] += k0 * y[0, lane] + k1 * y[1, lane] + s0 * noise[0, lane] + s1 * noise[1, lane]
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def turns(F: Array, n_moving: int) -> bool:
     """Whether nothing moves but a point in the plane, by itself."""
     alone = n_moving == 2
@@ -49,9 +51,10 @@ def turns(F: Array, n_moving: int) -> bool:
     return alone
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, turning: bool, scratch: Array) -> None:
     """Set the first rows of block b to F x + B; the others stay as they are."""
+    wide()
     if turning:
         f00, f01, f10, f11, b0, b1 = F[0, 0], F[0, 1], F[1, 0], F[1, 1], B[0], B[1]
         for lane in range(LANES):
@@ -72,14 +75,15 @@ def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, tur
             x[b, i, lane] = scratch[i, lane]
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int, places: Any) -> None:
     """Copy the ancestors of the particles of block b; `places` (LANES,) is room for where they are."""
+    wide()
     held, flat = min(LANES, n - b * LANES), old.reshape(-1)
     if n_active > 2:
         for lane in range(held):
             ancestor = np.uint64(ancestors[b * LANES + lane])
-            places[lane] = (ancestor >> BLOCK) * np.uint64(n_active * LANES) + (ancestor & LANE)
+            places[lane] = (ancestor >> BLOCK) * np.uint64(old.shape[1] * LANES) + (ancestor & LANE)
     for i in range(n_active):
         row = np.uint64(i * LANES)
         if n_active > 2:
@@ -93,11 +97,12 @@ def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int,
             new[b, i, lane] = 0.0
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def weigh_by_measurement(
     x: Array, rows: Array, z: Array, H: Array, b: int, p: int, n_active: int, y: Array, constant: float, logs: Array
 ) -> None:
     """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b."""
+    wide()
     for r in range(p):
         z_r, done = z[r], 0
         if n_active >= 2:  # the first two in one pass
@@ -114,7 +119,7 @@ def weigh_by_measurement(
                     y[r, lane] -= factor * x[b, j, lane]
             elif factor != 0.0:
                 for lane in range(LANES):
-                    y[r, lane] -= factor * rows[j - n_active, lane]
+                    y[r, lane] -= factor * rows[j, lane]
     if p == 0:
         for lane in range(LANES):
             logs[b, lane] += constant
@@ -124,18 +129,18 @@ def weigh_by_measurement(
             logs[b, lane] += added - 0.5 * y[r, lane] * y[r, lane]
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def weigh_point(
     x: Array, static: Array, group: Any, z: Array, H: Array, b: int, p: int, constant: float, logs: Array
 ) -> None:
     """Do at once what `weigh_by_measurement` does, for two active rows and one group, and keep no y."""
+    wide()
     for r in range(0, p, 2):
         s = r + 1 if r + 1 < p else r
         z0, z1, added = z[r], z[s], constant if r == 0 else 0.0
-        for j in range(static.shape[1]):
-            value = static[group // LANES, j, group % LANES]
-            z0 -= H[r, 2 + j] * value
-            z1 -= H[s, 2 + j] * value
+        for j in range(2, len(static)):
+            z0 -= H[r, j] * static[j, group]
+            z1 -= H[s, j] * static[j, group]
         h00, h01, h10, h11, half = H[r, 0], H[r, 1], H[s, 0], H[s, 1], 0.5 if s > r else 0.0
         for lane in range(LANES):
             y0 = z0 - h00 * x[b, 0, lane] - h01 * x[b, 1, lane]
@@ -143,9 +148,10 @@ def weigh_point(
             logs[b, lane] += added - 0.5 * y0 * y0 - half * y1 * y1
 
 
-@njit(error_model="numpy", fastmath={"reassoc", "nsz", "nnan"}, nogil=True)
+@kernel({"reassoc", "nsz", "nnan"})
 def largest_of(logs: Array, b: int) -> Any:
     """Return the largest log-weight of block b; four at a time, since each comparison waits for the one before."""
+    wide()
     top0, top1, top2, top3 = logs[b, 0], logs[b, 1], logs[b, 2], logs[b, 3]
     for lane in range(0, LANES, 4):
         v0, v1, v2, v3 = logs[b, lane], logs[b, lane + 1], logs[b, lane + 2], logs[b, lane + 3]
@@ -158,9 +164,10 @@ def largest_of(logs: Array, b: int) -> Any:
     return top2 if top2 > top0 else top0
 
 
-@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+@kernel(SUMS)
 def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Array) -> Any:
     """Set the weights of block b relative to `largest`, add them and their squares to the totals, return their sum."""
+    wide()
     for lane in range(LANES):
         weights[b, lane] = exp(logs[b, lane] - largest)
     total = squares = 0.0
@@ -172,15 +179,29 @@ def weights_of(logs: Array, b: int, largest: float, weights: Array, totals: Arra
     return total
 
 
-@njit(error_model="numpy", nogil=True)
-def fill_mean(x: Array, m0: Array, b: int, start: int, n_rows: int) -> None:
+@kernel()
+def fill_mean(x: Array, m0: Array, b: int) -> None:
     """Put every particle of block b at the mean of the prior."""
-    for i in range(n_rows):
+    for i in range(x.shape[1]):
         for lane in range(LANES):
-            x[b, i, lane] = m0[start + i]
+            x[b, i, lane] = m0[i]
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel(PRODUCTS)
+def draw_static(static: Array, m0: Array, spread: Array, noise: Array, b: int, n_active: int) -> None:
+    """Draw from the prior the rows that the particles of block b do not have themselves."""
+    wide()
+    for i in range(n_active, len(static)):
+        for lane in range(LANES):
+            static[i, b * LANES + lane] = m0[i]
+        for q in range(spread.shape[1]):
+            factor = spread[i, q]
+            if factor != 0.0:
+                for lane in range(LANES):
+                    static[i, b * LANES + lane] += factor * noise[q, lane]
+
+
+@kernel()
 def fill_even(logs: Array, n: int, even: float) -> None:
     """Give all n particles the same log-weight."""
     for b in range(len(logs)):

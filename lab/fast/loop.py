@@ -9,7 +9,7 @@ guided and the Rao-Blackwellized filter are the same loop on other matrices.  Th
 
     one pass     a block is moved, weighed and summed while it is in the cache; weights are relative to the largest so
                  far, and the sums are scaled when a larger one appears
-    genealogy    rows that no step touches are the same for all descendants of one particle of time 0, so they are kept
+    genealogy    rows that no step touches any more are the same for all descendants of one particle, so they are kept
                  once per living ancestor; descendants stay neighbours, since ancestors come in ascending order
     one buffer   resampled particles are fetched by the step that moves them
 
@@ -26,6 +26,7 @@ from lab.fast.arithmetic import SMALLEST
 from lab.fast.block import (
     add_rows,
     correct_and_draw,
+    draw_static,
     fetch,
     fill_even,
     fill_mean,
@@ -36,7 +37,8 @@ from lab.fast.block import (
     weigh_point,
     weights_of,
 )
-from lab.fast.genealogy import count_groups, lay_out, next_group, regroup
+from lab.fast.genealogy import PAD, count_groups, keep, lay_out, next_group, regroup, retire
+from lab.fast.kernel import kernel, wide
 from lab.fast.moments import TILE
 from lab.fast.normals import LANES, normals
 from lab.fast.offspring import resample
@@ -48,7 +50,7 @@ FAINT = 80.0  # a log-weight so far below that of the second heaviest block chan
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def expect(
     mean: Array, F: Array, B: Array, n_moving: int, z: Array, H: Array, K: Array, p: int, centre: Array, y: Array
 ) -> None:
@@ -98,7 +100,7 @@ def build(sources: int) -> Any:
     ) -> int:
         """Run the filter over all instants and fill the last five arguments.
 
-        Rows of the state are ordered: those that F moves, other active ones, static ones that no step touches.
+        Rows of the state are ordered: those that F moves, then the others, those first that are touched for longest.
 
         Parameters
         ----------
@@ -112,8 +114,8 @@ def build(sources: int) -> Any:
             The map of the active rows.
         n_moving : int
             How many rows it moves.
-        sizes : (T, 2) array of int
-            Of each step: measured components p, normals drawn e.
+        sizes : (T, 3) array of int
+            Of each step: measured components p, normals drawn e, rows that it or a later one touches, at most a.
         z, H, K : (T, p), (T, p, d), (T, a, p) array
             Whitened; rows and columns beyond `sizes` are not read.
         spread : (T, a, e) array
@@ -134,28 +136,30 @@ def build(sources: int) -> Any:
         int
             0, or the first instant at which the weights sum to nothing or a log-weight is no number.
         """
+        wide()
         if sources < 0:  # never
             return -1
         T, d, a = len(z), len(m0), len(B)
-        n_static = d - a
         blocks = (n + LANES - 1) // LANES
-        x, other = np.zeros((blocks, a, LANES)), np.empty((blocks, a, LANES))
-        static, rows = np.zeros((blocks, n_static, LANES)), np.zeros((n_static, LANES))
-        starts, n_groups = np.arange(n + 1).astype(np.int32), n
-        before, ancestors = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32)
+        x, other = np.empty((blocks, a, LANES)), np.empty((blocks, a, LANES))
+        static, rows = np.empty((d, blocks * LANES + PAD)), np.zeros((d, LANES))
+        starts, founders, active, n_groups, n_founders = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), a, n, n
+        before, ancestors, kept = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(n, np.int32)
+        for i in range(n + 1):
+            starts[i] = founders[i] = i
         weights, tops = np.zeros((blocks, LANES)), np.empty(blocks)
         ends, points = np.empty(blocks + 1), np.empty(n + 1)
         n_draws = max(spread.shape[2], spread_0.shape[1])
         noise, y = np.empty((n_draws + 2, LANES)), np.empty((z.shape[1] + 1, LANES))
         scratch, places = np.empty((n_moving + 1, LANES)), np.empty(LANES, np.uint64)
         centred, weighted = np.zeros((d + TILE, LANES)), np.zeros((d + TILE, LANES))
-        centre, shared, wanted = m0.copy(), np.empty(n_static), np.zeros(n_static, np.bool_)
+        centre, shared, wanted = m0.copy(), np.empty(d), np.empty(d, np.int32)
         totals, part = np.zeros(2), np.zeros(d + TILE)
         first, second = np.zeros(d + TILE), np.zeros((d + TILE, d + TILE))
-        start_active, start_static = spread_0[:a], spread_0[a:]
         turning = turns(F, n_moving)
         even = -math.log(n)
-        logs = np.full((blocks, LANES), -np.inf)
+        logs = np.empty((blocks, LANES))
+        logs[blocks - 1] = -np.inf
         fill_even(logs, n, even)
         largest, log_total = -np.inf, 0.0
 
@@ -163,62 +167,67 @@ def build(sources: int) -> Any:
             step = max(k - 1, 0)
             p, e = (sizes[step, 0], sizes[step, 1]) if k else (0, spread_0.shape[1])
             z_k, H_k, K_k, mean_k, cov_k = z[step], H[step], K[step], means[k], covs[k]
-            spread_k = spread[step] if k else start_active
+            spread_k = spread[step] if k else spread_0
             resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
             collapsed = k > 0 and ess[k - 1] < COLLAPSED
+            if k and sizes[step, 2] < active:
+                retire(x, static, starts, n_groups, n, sizes[step, 2], active)
+                active, n_groups = sizes[step, 2], n
             if resampled:
                 resample(scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)
-                n_groups = regroup(starts, n_groups, before, static, n)
+                n_founders = regroup(founders, n_founders, before, n, kept)
+                if active < d:
+                    n_groups = regroup(starts, n_groups, before, n, kept)
+                    keep(static, active, kept, n_groups)
                 fill_even(logs, n, even)
                 log_total = 0.0
                 x, other = other, x
             if k:
                 expect(means[k - 1], F, B, n_moving, z_k, H_k, K_k, p, centre, y)
-            for j in range(n_static):
-                wanted[j] = False
+            for j in range(active, d):
+                wanted[j] = 0
                 for r in range(p):
-                    wanted[j] |= H_k[r, a + j] != 0.0
+                    wanted[j] |= H_k[r, j] != 0.0
             drawn_first = draw_first or k == 0
-            bare = k > 0 and p > 0 and a == 2  # no row needs y
-            for i in range(a):
+            bare = k > 0 and p > 0 and active == 2  # no row needs y
+            for i in range(active):
                 for r in range(p):
                     bare &= K_k[i, r] == 0.0
             largest, second_largest, least, heaviest = -np.inf, -np.inf, SMALLEST, 0
             for attempt in range(3):
                 clear(totals, first, second)
-                group = 0
+                group: Any = np.int64(0)  # to numba, 0 is a type of its own, and what takes it would be compiled twice
                 for b in range(blocks):
-                    groups = count_groups(starts, n_groups, group, b) if n_static else 1
+                    groups = count_groups(starts, n_groups, group, b) if active < d else 1
                     point = bare and groups == 1
                     # a block whose weights are next to nothing adds nothing
                     summed = not collapsed if attempt == 0 else largest_of(logs, b) - largest > least
                     if attempt == 0:
                         normals(state, noise, e)
                         if k == 0:
-                            fill_mean(x, m0, b, 0, a)
-                            fill_mean(static, m0, b, a, n_static)
-                            add_rows(static, start_static, noise, b, n_static, e)
+                            fill_mean(x, m0, b)
+                            draw_static(static, m0, spread_0, noise, b, active)
                         elif resampled:
-                            fetch(x, other, ancestors, b, n, a, places)
-                    for j in range(n_static):
-                        if (groups > DENSE and summed) or (wanted[j] and attempt == 0 and not point):
+                            fetch(x, other, ancestors, b, n, active, places)
+                    for j in range(active, d):
+                        if (groups > DENSE and summed) or (wanted[j] > 0 and attempt == 0 and not point):
                             lay_out(rows, static, starts, n_groups, group, groups, b, j)
                     if attempt == 0:
                         if k:
-                            move(x, F, B, b, n_moving, a, turning, scratch)
+                            move(x, F, B, b, n_moving, active, turning, scratch)
                         if drawn_first:
-                            add_rows(x, spread_k, noise, b, a, e)
+                            add_rows(x, spread_k, noise, b, active, e)
                         if point:
                             weigh_point(x, static, group, z_k, H_k, b, p, constants[step] - log_total, logs)
                         elif k:
-                            weigh_by_measurement(x, rows, z_k, H_k, b, p, a, y, constants[step] - log_total, logs)
+                            weigh_by_measurement(x, rows, z_k, H_k, b, p, active, y, constants[step] - log_total, logs)
                         if not (drawn_first or point) and p == e == 2:
-                            correct_and_draw(x, K_k, y, spread_k, noise, b, a)
+                            correct_and_draw(x, K_k, y, spread_k, noise, b, active)
                         else:
                             if not point:
-                                add_rows(x, K_k, y, b, a, p)
+                                add_rows(x, K_k, y, b, active, p)
                             if not drawn_first:
-                                add_rows(x, spread_k, noise, b, a, e)
+                                add_rows(x, spread_k, noise, b, active, e)
                         top = largest_of(logs, b)
                         if top > largest:
                             if not collapsed:
@@ -232,16 +241,16 @@ def build(sources: int) -> Any:
                         tops[b] = largest
                         total = weights_of(logs, b, largest, weights, totals)
                         add_moments(
-                            *(x, rows, weights, total, static, starts, n_groups, group, groups, b, centre, a),
-                            *(centred, weighted, shared, part, first, second),
-                        )
-                    group = next_group(starts, n_groups, group, groups, b) if n_static else 0
+                            x, rows, weights, total, static, starts, n_groups, group, groups, b, centre, active,
+                            centred, weighted, shared, part, first, second,
+                        )  # fmt: skip
+                    group = next_group(starts, n_groups, group, groups, b) if active < d else 0
                 if attempt == 0 and collapsed:
                     least = max(least, second_largest - largest - FAINT)
                     # what weighs anything is near this one, and further from where the mean was expected
                     for lane in range(LANES):
                         if logs[heaviest, lane] == largest:
-                            for i in range(a):
+                            for i in range(active):
                                 centre[i] = x[heaviest, i, lane]
                     continue
                 if not 0.0 < totals[0] < np.inf:
@@ -253,7 +262,7 @@ def build(sources: int) -> Any:
             log_total = largest + math.log(totals[0])
             log_evidence[k] = log_evidence[k - 1] + log_total if k else 0.0
             ess[k] = totals[0] * totals[0] / totals[1]
-            survivors[k] = n_groups
+            survivors[k] = n_founders
         return 0
 
     return run

@@ -13,17 +13,18 @@ Called by `lab.fast.loop`.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from lab.fast.kernel import PRODUCTS, SUMS, kernel, wide
 from lab.fast.normals import LANES
 from lab.validation import Array
 
 TILE = 3
 
 
-@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+@kernel(SUMS)
 def weigh(centred: Array, weights: Array, b: int, weighted: Array, n_rows: int, part: Array) -> None:
     """Set weighted = w * centred with the weights of block b, and `part` to the sums of its rows."""
+    wide()
     for i in range(n_rows):
         total = 0.0
         for lane in range(LANES):
@@ -33,9 +34,10 @@ def weigh(centred: Array, weights: Array, b: int, weighted: Array, n_rows: int, 
         part[i] = total
 
 
-@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+@kernel(SUMS)
 def _tile(centred: Array, weighted: Array, i: int, j: int, second: Array) -> None:
     """Add nine products of rows i, i + 1, i + 2 and j, j + 1, j + 2."""
+    wide()
     s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
     for lane in range(LANES):
         a0, a1, a2 = weighted[i, lane], weighted[i + 1, lane], weighted[i + 2, lane]
@@ -60,9 +62,10 @@ def _tile(centred: Array, weighted: Array, i: int, j: int, second: Array) -> Non
     second[i + 2, j + 2] += s22
 
 
-@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+@kernel(SUMS)
 def point_in_plane(x: Array, b: int, centre: Array, weights: Array, part: Array, second: Array) -> None:
     """Do at once what `weigh` and `products` do, for the two rows of block b, and keep no product."""
+    wide()
     c0, c1 = centre[0], centre[1]
     s0 = s1 = s00 = s01 = s11 = 0.0
     for lane in range(LANES):
@@ -79,7 +82,7 @@ def point_in_plane(x: Array, b: int, centre: Array, weights: Array, part: Array,
     second[1, 1] += s11
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> None:
     """Add sum w (x - c)(x - c)' to the tiles of `second` on and above the diagonal.
 
@@ -90,7 +93,7 @@ def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> Non
             _tile(centred, weighted, i, j, second)
 
 
-@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, nogil=True)
+@kernel(SUMS)
 def sum_segment(weights: Array, b: int, weighted: Array, n_active: int, low: Any, high: Any, part: Array) -> float:
     """Return the sum of the weights of a group, lanes low..high - 1 of block b; set `part` to the sums of its rows."""
     total = 0.0
@@ -104,11 +107,11 @@ def sum_segment(weights: Array, b: int, weighted: Array, n_active: int, low: Any
     return total
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
-def add_shared(total: float, part: Array, n_active: int, shared: Array, first: Array, second: Array) -> None:
+@kernel(PRODUCTS)
+def add_shared(total: float, part: Array, n_active: int, n: int, shared: Array, first: Array, second: Array) -> None:
     """Add what a group contributes with the rows, from `n_active` on, that its particles share: values minus c."""
     # without a sign: where an index could be negative, numba asks each time
-    start, n_shared = np.uint64(n_active), np.uint64(len(shared))
+    start, n_shared = np.uint64(n_active), np.uint64(n - n_active)
     for i in range(start):
         for j in range(n_shared):
             second[i, start + j] += part[i] * shared[j]

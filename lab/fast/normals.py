@@ -16,9 +16,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from lab.fast.arithmetic import as_bits, as_double, cosine, log, sine, uniform
+from lab.fast.kernel import PRODUCTS, kernel, wide
 from lab.validation import Array
 
 LANES = 256  # particles of a block, and generators side by side
@@ -36,9 +36,10 @@ def seed(rng: np.random.Generator) -> Any:
     return rng.integers(0, 2**64, size=(4, LANES), dtype=np.uint64)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS, from_python=True)
 def uniforms(state: Any, out: Array, row: int) -> None:
     """Fill a row of `out` with numbers uniform in [0, 1), one of every lane."""
+    wide()
     for lane in range(LANES):
         s0, s1, s2, s3 = state[0, lane], state[1, lane], state[2, lane], state[3, lane]
         out[row, lane] = 1.0 - uniform(s0 + s3)
@@ -50,9 +51,10 @@ def uniforms(state: Any, out: Array, row: int) -> None:
         state[3, lane] = (s3 << TURN) | (s3 >> BACK)
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS, from_python=True)
 def normals(state: Any, out: Array, n_rows: int) -> None:
     """Fill the first rows of `out` with standard normals; it has an even number of rows, of which one may be wasted."""
+    wide()
     for row in range(0, n_rows, 2):
         for lane in range(LANES):
             s0, s1, s2, s3 = state[0, lane], state[1, lane], state[2, lane], state[3, lane]

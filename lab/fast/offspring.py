@@ -16,9 +16,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from lab.fast.arithmetic import exp, log
+from lab.fast.kernel import PRODUCTS, kernel, wide
 from lab.fast.normals import LANES, uniforms
 from lab.validation import Array
 
@@ -28,7 +28,7 @@ CHAINS = 8  # sums of a block that run side by side, since one addition waits fo
 EPS = 2.0**-52
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def cumulate(weights: Array, tops: Array, largest: float, ends: Array) -> int:
     """Turn weights into their sums from each block's start, and fill `ends` with the sums of whole blocks.
 
@@ -37,6 +37,7 @@ def cumulate(weights: Array, tops: Array, largest: float, ends: Array) -> int:
     int
         The last particle of positive weight.
     """
+    wide()
     length = LANES // CHAINS
     last = 0
     for b in range(len(weights)):
@@ -59,9 +60,10 @@ def cumulate(weights: Array, tops: Array, largest: float, ends: Array) -> int:
     return last
 
 
-@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+@kernel(PRODUCTS)
 def systematic(cumulative: Array, ends: Array, n: int, state: Any, scratch: Array, before: Any) -> None:
     """Count the points (j + u) / n."""
+    wide()
     uniforms(state, scratch, 0)
     u = scratch[0, 0]
     scale = n / ends[len(cumulative)]
@@ -71,7 +73,7 @@ def systematic(cumulative: Array, ends: Array, n: int, state: Any, scratch: Arra
             before[b * LANES + lane + 1] = np.int32(min(max(below, 0.0), float(n)))
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def stratified(cumulative: Array, ends: Array, n: int, state: Any, scratch: Array, points: Array, before: Any) -> None:
     """Count the points (j + u_j) / n."""
     for b in range(len(cumulative)):
@@ -86,7 +88,7 @@ def stratified(cumulative: Array, ends: Array, n: int, state: Any, scratch: Arra
             before[b * LANES + lane + 1] = j + (points[j] < c - j)
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def multinomial(
     cumulative: Array, ends: Array, n: int, count: int, state: Any, scratch: Array, points: Array, before: Any
 ) -> None:
@@ -107,7 +109,7 @@ def multinomial(
             before[b * LANES + lane + 1] += j
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def keep_copies(cumulative: Array, ends: Array, n: int, before: Any) -> int:
     """Give each floor(n w) places, leave in `cumulative` and `ends` what remains of its weight, return the places."""
     scale = n / ends[len(cumulative)]
@@ -130,7 +132,7 @@ def keep_copies(cumulative: Array, ends: Array, n: int, before: Any) -> int:
     return copies
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def find_ancestors(before: Any, n: int, ancestors: Any) -> None:
     """Turn counts into the ancestor of each place: each particle is written where its places begin, the last one stays.
 
@@ -158,7 +160,7 @@ def find_ancestors(before: Any, n: int, ancestors: Any) -> None:
         ancestors[j] = latest
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel(from_python=True)
 def resample(
     scheme: int,
     weights: Array,

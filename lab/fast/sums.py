@@ -13,8 +13,8 @@ Called by `lab.fast.loop`.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from lab.fast.kernel import kernel, wide
 from lab.fast.moments import TILE, add_shared, point_in_plane, products, sum_segment, weigh
 from lab.fast.normals import LANES
 from lab.validation import Array
@@ -24,7 +24,7 @@ LOST = 1e-6  # a variance below this part of the squared distance of mean and c 
 NEAR = 1e-13  # of the mean: c is as near as can be
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def add_moments(
     x: Array,
     rows: Array,
@@ -46,6 +46,7 @@ def add_moments(
     second: Array,
 ) -> None:
     """Add what block b contributes to sum w (x - c) and sum w (x - c)(x - c)'."""
+    wide()
     n = len(centre)
     dense = groups > DENSE
     n_rows = n if dense else n_active
@@ -57,7 +58,7 @@ def add_moments(
                 centred[i, lane] = x[b, i, lane] - centre[i]
         for i in range(n_active, n_rows):
             for lane in range(LANES):
-                centred[i, lane] = rows[i - n_active, lane] - centre[i]
+                centred[i, lane] = rows[i, lane] - centre[i]
         for i in range(n_rows, n_rows + (-n_rows) % TILE):
             for lane in range(LANES):
                 centred[i, lane] = weighted[i, lane] = 0.0
@@ -70,13 +71,13 @@ def add_moments(
             low = np.uint64(max(starts[g] - b * LANES, 0))
             high = np.uint64(min(starts[g + 1] - b * LANES, LANES) if g + 1 < n_groups else LANES)
             for j in range(n - n_active):
-                shared[j] = static[g // LANES, j, g % LANES] - centre[n_active + j]
+                shared[j] = static[n_active + j, g] - centre[n_active + j]
             if groups > 1:
                 total = sum_segment(weights, b, weighted, n_active, low, high, part)
-            add_shared(total, part, n_active, shared, first, second)
+            add_shared(total, part, n_active, n, shared, first, second)
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def finish(centre: Array, total: float, first: Array, second: Array, extra: Array, mean: Array, cov: Array) -> bool:
     """Turn sums into mean and covariance; return whether c was too far from the mean for that."""
     lost = False
@@ -95,7 +96,7 @@ def finish(centre: Array, total: float, first: Array, second: Array, extra: Arra
     return lost
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def clear(totals: Array, first: Array, second: Array) -> None:
     """Begin sums."""
     totals[0] = totals[1] = 0.0
@@ -105,7 +106,7 @@ def clear(totals: Array, first: Array, second: Array) -> None:
             second[i, j] = 0.0
 
 
-@njit(error_model="numpy", nogil=True)
+@kernel()
 def rescale(factor: float, totals: Array, first: Array, second: Array) -> None:
     """Make sums relative to a larger weight than before."""
     totals[0] *= factor

@@ -169,7 +169,7 @@ def _steps(laws: Plan) -> list[_Step]:
         r = max(m, int(read[-1]) + 1 if len(read) else 0)
         moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
         _prepared[laws] = []
-        for step, (p, e) in enumerate(laws.sizes):
+        for step, (p, e, _) in enumerate(laws.sizes):
             z, H = laws.z[step, :p, np.newaxis] * ROOT_HALF, laws.H[step, :p, :a] * ROOT_HALF
             drawn = laws.spread[step, :, :e]
             lead = np.zeros((m + p, drawn.shape[1] + r))

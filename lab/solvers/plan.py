@@ -5,9 +5,9 @@ follow from what is seen.  They are computed once for a problem, whitened,
 
     S = L L',   z~ = L^-1 z,   H~ = L^-1 H,   K~ = K L,   constant = -(p log 2 pi + log det S) / 2,
 
-and the rows of the state are ordered: those that F moves, others that some step touches or reads, then the static
-ones, of which all descendants of one particle of time 0 share the values (landmarks of SIS and SIR; none of what a
-Rao-Blackwellized filter has seen).  Called by `lab.solvers.blocked` and `lab.solvers.compiled`.
+and the rows of the state are ordered: those that F moves or reads, then the others, those first that some step touches
+for longest.  After its last touch a row is static: all descendants of one particle share its value from then on
+(landmarks of SIS and SIR from time 0 on, of the guided filter from their first sight on).  Called by `lab.solvers.blocked` and `lab.solvers.compiled`.
 """
 
 from dataclasses import dataclass
@@ -22,12 +22,13 @@ from lab.problem import Problem
 from lab.solvers.proposals import GaussianProposal
 from lab.validation import Array
 
+PATIENCE = 5  # steps for which no more rows become static, before those that have are taken from the particles
 RESIDUE = 1e-15  # of the largest entry: what rounding leaves of a gain that is 0
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A filter's laws, rows of the state in `order`: n of them, of which a are active, that is, not static.
+    """A filter's laws, rows of the state in `order`: n of them, of which a are not static from time 0 on.
 
     Attributes
     ----------
@@ -35,7 +36,8 @@ class Plan:
     m0, spread_0 : (n,), (n, e_0) array
     F, B : (a, a), (a,) array
     n_moving : int
-    sizes : (T, 2) array of int
+    sizes : (T, 3) array of int
+        Of each step: measured components, normals drawn, rows that are not taken as static yet.
     z, H, K, spread, constants : (T, p), (T, p, n), (T, a, p), (T, a, e), (T,) array
     extra : (T + 1, n, n) array
     draw_first : bool
@@ -80,12 +82,12 @@ def _made(problem: Problem, proposal: GaussianProposal) -> Plan:
     spread_0, left = gaussian.split(model.P0, proposal.sampled(problem, 0))
     p = max((len(law.z) for law in laws), default=0)
     e = max((law.spread.shape[1] for law in laws), default=0)
-    sizes = np.array([[len(law.z), law.spread.shape[1]] for law in laws], dtype=np.int64).reshape(T, 2)
+    sizes: Any = np.array([[len(law.z), law.spread.shape[1], n] for law in laws], dtype=np.int64).reshape(T, 3)
     z, H, K = np.zeros((T, p)), np.zeros((T, p, n)), np.zeros((T, n, p))
     spread, constants = np.zeros((T, n, e)), np.zeros(T)
     extra = np.array([left, *(law.cov for law in laws)])
     for k, law in enumerate(laws):
-        m, d = sizes[k]
+        m, d, _ = sizes[k]
         L = np.linalg.cholesky(law.S)
         z[k, :m] = scipy.linalg.solve_triangular(L, law.z, lower=True) if m else law.z
         H[k, :m] = scipy.linalg.solve_triangular(L, law.H, lower=True) if m else law.H
@@ -94,11 +96,11 @@ def _made(problem: Problem, proposal: GaussianProposal) -> Plan:
         constants[k] = -np.log(np.diag(L)).sum() - m * gaussian.LOG_2PI / 2
     moving = np.zeros(n, bool)
     moving[model.moving] = True
-    read = (model.F[moving] != 0).any(axis=0)
-    touched = (K != 0).any(axis=(0, 2)) | (spread != 0).any(axis=(0, 2))
-    active = moving | read | touched
-    order = np.concatenate([np.flatnonzero(moving), np.flatnonzero(active & ~moving), np.flatnonzero(~active)])
-    a = order[: active.sum()]
+    until = _last_touched(K, spread)
+    until[moving | (model.F[moving] != 0).any(axis=0)] = max(T, 1)
+    order = np.lexsort((-until, ~moving))
+    a = order[: np.count_nonzero(until)]
+    sizes[:, 2] = _active(until, T)
     return Plan(
         order,
         model.m0[order],
@@ -115,6 +117,25 @@ def _made(problem: Problem, proposal: GaussianProposal) -> Plan:
         np.ascontiguousarray(extra[:, order][:, :, order]),
         not proposal.look_ahead,
     )
+
+
+def _last_touched(K: Array, spread: Array) -> Any:
+    """Return of each row (n,) the last k at which it is corrected or drawn, 0 for never."""
+    touched = (K != 0).any(axis=2) | (spread != 0).any(axis=2)
+    return (touched * np.arange(1, len(touched) + 1)[:, np.newaxis]).max(axis=0, initial=0)
+
+
+def _active(until: Any, T: int) -> Any:
+    """Return of each step (T,) how many rows particles have of their own, those that have become static left out.
+
+    Each time that rows become static, genealogies begin anew, and for some steps nothing is gained: they wait for one
+    another, and for the end.
+    """
+    active = np.array([np.count_nonzero(until >= k) for k in range(1, T + 1)], dtype=np.int64)
+    for k in range(1, T):
+        if not (active[k : k + PATIENCE] == active[k]).all() or k + PATIENCE > T:
+            active[k] = active[k - 1]
+    return active
 
 
 def _without_residues(map_: Array) -> Array:
