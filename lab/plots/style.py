@@ -13,6 +13,8 @@ from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.patheffects import withStroke
@@ -26,6 +28,7 @@ TRUTH = "#7a7a7a"
 ESTIMATE = "#D55E00"
 
 RESOLUTION = 120  # dots per inch
+PACKING = {"compress_level": 1}  # half the time of the usual 6, for a hundredth more bytes
 HALO = [withStroke(linewidth=3, foreground="white")]  # readable on top of other marks
 HATCHES = (
     "",
@@ -77,13 +80,16 @@ def new_figure(width: float, height: float) -> Figure:
 def save_png(figure: Figure, path: Path | IO[bytes], description: str, resolution: int = RESOLUTION) -> None:
     """Write a figure as PNG, to a path or an open file, with a description inside for those who cannot see it."""
     engine, dpi = figure.get_layout_engine(), figure.dpi
+    if type(figure.canvas) is FigureCanvasBase:  # nobody's: the one that draws measures the words, too, and keeps that
+        FigureCanvasAgg(figure)
     with rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):  # where None means none
         try:
             if engine is not None and figure.axes:  # laid out here: savefig would draw all once more to lay it out
                 figure.set_dpi(resolution)
                 engine.execute(figure)
                 figure.set_layout_engine(None)
-            figure.savefig(path, format="png", dpi=resolution, metadata={"Description": description})
+            about: dict[str, Any] = {"metadata": {"Description": description}, "pil_kwargs": PACKING}
+            figure.savefig(path, format="png", dpi=resolution, **about)
         finally:
             figure.set_dpi(dpi)
             figure.set_layout_engine(engine)
