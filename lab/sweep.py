@@ -3,8 +3,8 @@
 Question answered: what remains after Ctrl-C, a kill or a power cut, and how does the work continue?  Beside the result
 that a folder may hold already, `unfinished/` keeps
 
-    config.json                  what was asked for, and the versions that compute it
-    LABEL-N-RUN-DATASET.parquet  one row per finished unit: metrics, and what is kept over time
+    config.json                what was asked for, and the versions that compute it
+    LABEL-N-RUN-DATASET.arrow  one row per finished unit: metrics, and what is kept over time
 
 each written under another name and renamed when it is whole.  A unit's seed depends on nothing but the unit, so the
 result of a comparison that was stopped ten times equals that of one that never was, but for the seconds.
@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from pyarrow import parquet
 
 from lab.comparison import Comparison, Record, Unit
 from lab.execution import Execute
@@ -116,8 +115,8 @@ class Unfinished:
         records = {}
         for part in self._parts():
             try:
-                with part.open("rb") as file:  # a path could look like a URI
-                    record = _record(parquet.read_table(file).to_pylist()[0])
+                with pa.OSFile(str(part)) as file:
+                    record = _record(pa.ipc.open_file(file).read_all().to_pylist()[0])
             except (OSError, ValueError, KeyError, IndexError, TypeError):
                 continue
             records[record.unit] = record
@@ -126,14 +125,19 @@ class Unfinished:
     def keep(self, record: Record) -> None:
         """Write one record, unless its worker died: that is to be tried again."""
         if not record.died:
-            with atomic_path(self.folder / _name(record.unit)) as path:
-                parquet.write_table(pa.Table.from_pylist([_row(record)]), path)
+            table = pa.Table.from_pylist([_row(record)])
+            with (
+                atomic_path(self.folder / _name(record.unit)) as path,
+                pa.OSFile(str(path), "wb") as file,
+                pa.ipc.new_file(file, table.schema) as writer,  # half the time that Parquet takes
+            ):
+                writer.write_table(table)
 
     def _unusable(self, error: OSError) -> InputError:
         return InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.")
 
     def _parts(self) -> list[Path]:
-        return sorted(self.folder.glob("[!.]*.parquet")) if os.path.isdir(self.folder) else []
+        return sorted(self.folder.glob("[!.]*.arrow")) if os.path.isdir(self.folder) else []
 
     def remove(self) -> None:
         """Forget everything, once the result is written or nothing was finished."""
@@ -228,7 +232,7 @@ def _check_same(earlier: dict[str, Any], config: dict[str, Any], folder: Path) -
 
 def _name(unit: Unit) -> str:
     label = hashlib.sha256(unit.solver.encode()).hexdigest()[:12]  # a label may be no file name
-    return f"{label}-{unit.n_particles}-{unit.run}-{unit.data_set}.parquet"
+    return f"{label}-{unit.n_particles}-{unit.run}-{unit.data_set}.arrow"
 
 
 def _row(record: Record) -> dict[str, Any]:

@@ -98,10 +98,10 @@ def test_a_comparison_stopped_twice_equals_one_that_never_was(given, whole, unfi
 def test_a_damaged_part_is_computed_again_and_a_half_written_one_ignored(given, whole, unfinished):
     with unfinished.begun(CONFIG):
         compare(**given, keep_moments=True, execute=resumable(in_this_process, unfinished))
-    parts = sorted(unfinished.folder.glob("*.parquet"))
+    parts = sorted(unfinished.folder.glob("*.arrow"))
     parts[0].write_bytes(parts[0].read_bytes()[:100])
     parts[1].write_bytes(b"")
-    pd.DataFrame({"solver": [1]}).to_parquet(parts[2])
+    pd.DataFrame({"solver": [1]}).to_feather(parts[2])
     parts[3].rename(parts[3].with_name(f".{parts[3].name}"))
     execute = Counting()
     result = compare(**given, keep_moments=True, execute=resumable(execute, unfinished))

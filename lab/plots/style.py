@@ -154,7 +154,7 @@ def plain_log_ticks(axis: Axis) -> None:
 
 def instants_axis(ax: Axes, *, label: bool = True) -> None:
     """Count the instants along x, in whole numbers."""
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+    ax.xaxis.set_major_locator(MaxNLocator(6, integer=True, steps=[1, 2, 5, 10]))
     if label:
         ax.set_xlabel("instant $k$ [-]")
 

@@ -7,7 +7,8 @@ follow from what is seen.  They are computed once for a problem, whitened,
 
 and the rows of the state are ordered: those that F moves or reads, then the others, those first that some step touches
 for longest.  After its last touch a row is static: all descendants of one particle share its value from then on
-(landmarks of SIS and SIR from time 0 on, of the guided filter from their first sight on).  Called by `lab.solvers.blocked` and `lab.solvers.compiled`.
+(landmarks of SIS and SIR from time 0 on, of the guided filter from their first sight on).
+Called by `lab.solvers.blocked` and `lab.solvers.compiled`.
 """
 
 from dataclasses import dataclass
