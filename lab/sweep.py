@@ -3,8 +3,8 @@
 Question answered: what remains after Ctrl-C, a kill or a power cut, and how does the work continue?  Beside the result
 that a folder may hold already, `unfinished/` keeps
 
-    config.json                what was asked for, and the versions that compute it
-    LABEL-N-RUN-DATASET.arrow  one row per finished unit: metrics, and what is kept over time
+    config.json               what was asked for, and the versions that compute it
+    LABEL-N-RUN-DATASET.part  one row per finished unit: metrics, and what is kept over time
 
 each written under another name and renamed when it is whole.  A unit's seed depends on nothing but the unit, so the
 result of a comparison that was stopped ten times equals that of one that never was, but for the seconds.
@@ -16,6 +16,7 @@ import json
 import os
 import shutil
 import tempfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, fields
@@ -36,6 +37,7 @@ from lab.validation import Array, InputError
 
 FOLDER = "unfinished"
 CONFIG = "config.json"
+CHECKSUM = 4  # bytes
 SERIES = ("ess", "survivors")
 MOMENTS = ("means", "covs", "log_evidence")
 NUMERIC_VERSIONS = ("toy-slam-lab", "numpy", "scipy", "filterpy", "numba")  # others change no number
@@ -107,7 +109,7 @@ class Unfinished:
             yield
 
     def _remove_unused(self) -> None:
-        if not self._parts():
+        if not any(path.name != CONFIG for path in self.folder.glob("[!.]*")):  # what is not ours stays
             self.remove()
 
     def finished(self) -> dict[Unit, Record]:
@@ -115,8 +117,7 @@ class Unfinished:
         records = {}
         for part in self._parts():
             try:
-                with pa.OSFile(str(part)) as file:
-                    record = _record(pa.ipc.open_file(file).read_all().to_pylist()[0])
+                record = _record(_unpacked(part.read_bytes()))
             except (OSError, ValueError, KeyError, IndexError, TypeError):
                 continue
             records[record.unit] = record
@@ -125,19 +126,14 @@ class Unfinished:
     def keep(self, record: Record) -> None:
         """Write one record, unless its worker died: that is to be tried again."""
         if not record.died:
-            table = pa.Table.from_pylist([_row(record)])
-            with (
-                atomic_path(self.folder / _name(record.unit)) as path,
-                pa.OSFile(str(path), "wb") as file,
-                pa.ipc.new_file(file, table.schema) as writer,  # half the time that Parquet takes
-            ):
-                writer.write_table(table)
+            with atomic_path(self.folder / _name(record.unit)) as path:
+                path.write_bytes(_packed(_row(record)))
 
     def _unusable(self, error: OSError) -> InputError:
         return InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.")
 
     def _parts(self) -> list[Path]:
-        return sorted(self.folder.glob("[!.]*.arrow")) if os.path.isdir(self.folder) else []
+        return sorted(self.folder.glob("[!.]*.part")) if os.path.isdir(self.folder) else []
 
     def remove(self) -> None:
         """Forget everything, once the result is written or nothing was finished."""
@@ -232,7 +228,25 @@ def _check_same(earlier: dict[str, Any], config: dict[str, Any], folder: Path) -
 
 def _name(unit: Unit) -> str:
     label = hashlib.sha256(unit.solver.encode()).hexdigest()[:12]  # a label may be no file name
-    return f"{label}-{unit.n_particles}-{unit.run}-{unit.data_set}.arrow"
+    return f"{label}-{unit.n_particles}-{unit.run}-{unit.data_set}.part"
+
+
+def _packed(row: dict[str, Any]) -> bytes:
+    """Return a row as an Arrow file behind its checksum: Arrow has none, and may crash on what is damaged."""
+    table, sink = pa.Table.from_pylist([row]), pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, table.schema) as writer:
+        writer.write_table(table)
+    data = sink.getvalue().to_pybytes()
+    return zlib.crc32(data).to_bytes(CHECKSUM, "big") + bytes(data)
+
+
+def _unpacked(data: bytes) -> dict[str, Any]:
+    """Return what `_packed` was given; a ValueError when the bytes are not what it returned."""
+    checksum, data = data[:CHECKSUM], data[CHECKSUM:]
+    if zlib.crc32(data).to_bytes(CHECKSUM, "big") != checksum:
+        raise ValueError("The checksum is wrong.")
+    row: dict[str, Any] = pa.ipc.open_file(pa.py_buffer(data)).read_all().to_pylist()[0]
+    return row
 
 
 def _row(record: Record) -> dict[str, Any]:

@@ -45,7 +45,7 @@ GIVEN = ("compare", "--scenario", "two-landmarks", "--particles", "20", "--runs"
 
 
 def finished(folder):
-    return len([name for name in everything_in(folder) if re.search(r"unfinished/[^.].*\.arrow$", name)])
+    return len([name for name in everything_in(folder) if re.search(r"unfinished/[^.].*\.part$", name)])
 
 
 def runs_in(folder):
@@ -231,6 +231,6 @@ def test_another_backend_is_refused(here):
     assert config["arguments"]["backend"] == "numpy"
     (here / "result").rename(here / "earlier")
     with Unfinished(here / "result").begun(config):
-        (here / "result" / "unfinished" / "x.arrow").touch()  # something is finished
+        (here / "result" / "unfinished" / "x.part").touch()  # something is finished
     call("compare", "--resume", "--backend", "numba", "--out", "result").assert_refused("--backend numpy, not numba")
     assert options.settle_backend("auto", [20]) == "numpy"  # below N = 100 nothing is compiled

@@ -16,12 +16,14 @@ import pytest
 from program import call, start
 from scipy.stats import ks_2samp, kstest
 from test_proposals import PROPOSALS, coupled, cut, lost, mixed
-from worlds import WORLDS, problem, reference
+from worlds import WORLDS, everything, full_scenario, problem, reference
 
 from lab import execution
 from lab.compare import LONG, compare, way_to_run
+from lab.problem import Problem
 from lab.solvers import compiled, guided, kalman, particle_steps, rbpf, sir, sis
 from lab.solvers.backends import WORTHWHILE
+from lab.solvers.plan import plan
 from lab.validation import InputError
 
 kernels = pytest.importorskip("lab.fast.compiled", reason="the extra toy-slam-lab[fast] is not installed")
@@ -52,7 +54,18 @@ class Replay(np.random.Generator):
         return row[0, 0]
 
 
+def in_three_waves():
+    """Return a world whose landmarks come into sight in three groups, far enough apart for new genealogies."""
+    world = problem(full_scenario(6, field_of_view=everything, n_steps=70))
+    z = world.z.copy()
+    for begin, landmarks in ((20, (2, 3)), (45, (4, 5))):
+        for j in landmarks:
+            z[:begin, 2 * j : 2 * j + 2] = np.nan
+    return Problem(world.model, z, world.H, world.R)
+
+
 TWIN_WORLDS = WORLDS | {"coupled": coupled, "mixed": lambda: cut(mixed(), 8), "one instant": lambda: cut(problem(), 1)}
+TWIN_WORLDS["three waves"] = in_three_waves
 
 
 @pytest.mark.parametrize("world", TWIN_WORLDS)
@@ -71,6 +84,11 @@ def test_twin(world, name):
         np.testing.assert_allclose(answer.log_evidence, [s.log_evidence for s in steps], rtol=1e-10, atol=1e-9)
         np.testing.assert_allclose(answer.ess, [step.ess for step in steps], rtol=1e-8)
         np.testing.assert_array_equal(answer.survivors, [step.survivors for step in steps])
+
+
+def test_the_three_waves_are_three():
+    own = plan(in_three_waves(), PROPOSALS["delayed"]).sizes[:, 2]
+    assert list(dict.fromkeys(own.tolist())) == [14, 10, 6, 2]
 
 
 @pytest.mark.parametrize("solver", [sis, sir, guided, rbpf, partial(rbpf, proposal="prior")])

@@ -5,7 +5,6 @@ import pytest
 from test_proposals import PROPOSALS, mixed
 from worlds import WORLDS, reference
 
-from lab.solvers import compiled
 from lab.solvers.plan import PATIENCE, plan
 
 numba = pytest.importorskip("numba", reason="the extra toy-slam-lab[fast] is not installed")
@@ -39,9 +38,9 @@ def test_functions_are_exact_to_two_units_in_the_last_place(name):
     assert (np.abs(values - exact) <= 2 * np.spacing(np.abs(exact.astype(float)))).all()
 
 
-def test_the_loop_prefers_wide_vectors():
-    compiled.warm()
-    assert '"prefer-vector-width"="512"' in next(iter(kernels.run.inspect_llvm().values()))
+def test_kernels_prefer_wide_vectors():
+    kernels.uniforms(kernels.seed(RNG), np.empty((1, 256)), 0)
+    assert '"prefer-vector-width"="512"' in next(iter(kernels.uniforms.inspect_llvm().values()))
 
 
 def test_rows_become_static_after_their_last_touch():

@@ -3,7 +3,6 @@
 from dataclasses import fields, replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from worlds import full_scenario, problem
 
@@ -98,15 +97,36 @@ def test_a_comparison_stopped_twice_equals_one_that_never_was(given, whole, unfi
 def test_a_damaged_part_is_computed_again_and_a_half_written_one_ignored(given, whole, unfinished):
     with unfinished.begun(CONFIG):
         compare(**given, keep_moments=True, execute=resumable(in_this_process, unfinished))
-    parts = sorted(unfinished.folder.glob("*.arrow"))
+    parts = sorted(unfinished.folder.glob("*.part"))
     parts[0].write_bytes(parts[0].read_bytes()[:100])
     parts[1].write_bytes(b"")
-    pd.DataFrame({"solver": [1]}).to_feather(parts[2])
+    parts[2].write_bytes(parts[2].read_bytes()[:400] + bytes(400) + parts[2].read_bytes()[800:])  # a power cut
     parts[3].rename(parts[3].with_name(f".{parts[3].name}"))
     execute = Counting()
     result = compare(**given, keep_moments=True, execute=resumable(execute, unfinished))
     assert len(execute.units) == 4
     assert_same(result, whole)
+
+
+def test_a_part_with_a_changed_byte_is_as_good_as_none(given, unfinished):
+    with unfinished.begun(CONFIG):
+        unfinished.keep(compare(**given | {"runs": 1}).records[0])
+        (part,) = unfinished.folder.glob("*.part")
+        whole = part.read_bytes()
+        assert len(unfinished.finished()) == 1
+        for place in range(0, len(whole), 7):
+            part.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
+            assert unfinished.finished() == {}
+
+
+def test_what_somebody_else_left_there_is_not_removed(unfinished):
+    with unfinished.begun(CONFIG):
+        (unfinished.folder / "sir-20-0-0.parquet").touch()
+    assert [path.name for path in unfinished.folder.glob("sir*")] == ["sir-20-0-0.parquet"]
+    (unfinished.folder / "sir-20-0-0.parquet").unlink()
+    with unfinished.begun(CONFIG):
+        pass
+    assert not unfinished.folder.exists()
 
 
 def test_a_unit_whose_worker_died_is_tried_again(given, unfinished):

@@ -1,4 +1,4 @@
-"""Rows that no step touches any more, kept once per ancestor of the time when the last of them was touched.
+"""Rows that no step touches any more, kept once per ancestor of the time when they were taken from the particles.
 
 Question answered: what do a million particles with the landmarks of three ancestors have to store?  Three maps.
 Ancestors come in ascending order, so the descendants of one particle stay neighbours, a group: group g begins at place
@@ -80,10 +80,14 @@ def keep(static: Array, n_active: int, kept: Any, n_groups: int) -> None:
 
 
 @kernel()
-def retire(x: Array, static: Array, starts: Any, n_groups: int, n: int, n_active: int, n_before: int) -> None:
-    """Take over rows from the particles, which keep the first `n_active` of `n_before`; every particle is a group."""
-    for j in range(n_active, n_before):
-        for b in range(len(x)):
+def retire(x: Array, own: Array, static: Array, starts: Any, n_groups: int, n: int) -> None:
+    """Take over rows from the particles, which keep in `own` as many as it has; every particle is a group then."""
+    n_active, n_before = own.shape[1], x.shape[1]
+    for b in range(len(x)):
+        for j in range(n_active):
+            for lane in range(LANES):
+                own[b, j, lane] = x[b, j, lane]
+        for j in range(n_active, n_before):
             for lane in range(LANES):
                 static[j, b * LANES + lane] = x[b, j, lane]
     for j in range(n_before, len(static)):

@@ -6,6 +6,7 @@ for; and vectors of 512 bits where the processor has them.  LLVM prefers 256, be
 wider ones; those since do not, and a filter takes a tenth to a sixth less time.
 """
 
+from contextlib import suppress
 from typing import Any
 
 from numba import njit, void
@@ -33,8 +34,8 @@ def _wide(context: Any) -> Any:
     """Let the loops of the function that calls this use vectors of 512 bits."""
 
     def generate(context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        # llvmlite has a list of the attributes that it knows, and prints whatever it is given
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        with suppress(AttributeError, TypeError):  # llvmlite's list of known attributes lacks it, but a set it is
+            set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 
     return void(), generate

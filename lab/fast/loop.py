@@ -115,7 +115,7 @@ def build(sources: int) -> Any:
         n_moving : int
             How many rows it moves.
         sizes : (T, 3) array of int
-            Of each step: measured components p, normals drawn e, rows that it or a later one touches, at most a.
+            Of each step: measured components p, normals drawn e, rows not taken as static yet, at most a.
         z, H, K : (T, p), (T, p, d), (T, a, p) array
             Whitened; rows and columns beyond `sizes` are not read.
         spread : (T, a, e) array
@@ -139,7 +139,7 @@ def build(sources: int) -> Any:
         wide()
         if sources < 0:  # never
             return -1
-        T, d, a = len(z), len(m0), len(B)
+        T, d, a = len(means) - 1, len(m0), len(B)
         blocks = (n + LANES - 1) // LANES
         x, other = np.empty((blocks, a, LANES)), np.empty((blocks, a, LANES))
         static, rows = np.empty((d, blocks * LANES + PAD)), np.zeros((d, LANES))
@@ -171,8 +171,9 @@ def build(sources: int) -> Any:
             resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
             collapsed = k > 0 and ess[k - 1] < COLLAPSED
             if k and sizes[step, 2] < active:
-                retire(x, static, starts, n_groups, n, sizes[step, 2], active)
-                active, n_groups = sizes[step, 2], n
+                active, other = sizes[step, 2], np.empty((blocks, sizes[step, 2], LANES))  # room for less
+                retire(x, other, static, starts, n_groups, n)
+                x, other, n_groups = other, np.empty((blocks, active, LANES)), n
             if resampled:
                 resample(scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)
                 n_founders = regroup(founders, n_founders, before, n, kept)

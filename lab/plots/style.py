@@ -28,7 +28,7 @@ TRUTH = "#7a7a7a"
 ESTIMATE = "#D55E00"
 
 RESOLUTION = 120  # dots per inch
-PACKING = {"compress_level": 1}  # half the time of the usual 6, for a hundredth more bytes
+PACKING = {"compress_level": 1}  # half the time of the usual 6, for a tenth more bytes, a third with few lines
 HALO = [withStroke(linewidth=3, foreground="white")]  # readable on top of other marks
 HATCHES = (
     "",

@@ -1,9 +1,9 @@
 """A cloud of particles whose static rows are kept once per living ancestor.
 
-Question answered: what do descendants of one particle share, and what does that save?  Rows of the state that no step
-touches (see `lab.solvers.plan`) are equal for all descendants of one particle of time 0.  Ancestors are drawn in
-ascending order, so descendants stay neighbours: a group, whose weights are added by segments.  Several runs are one
-long cloud.  Called by `lab.solvers.blocked`.
+Question answered: what do descendants of one particle share, and what does that save?  Rows of the state that are
+static from time 0 on (see `lab.solvers.plan`) are equal for all descendants of one particle of then.  Ancestors are
+drawn in ascending order, so descendants stay neighbours: a group, whose weights are added by segments.  Several runs
+are one long cloud.  Called by `lab.solvers.blocked`.
 """
 
 from bisect import bisect_right

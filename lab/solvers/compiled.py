@@ -46,6 +46,10 @@ def run(
     kernels: Any = fast.load()
     laws = plan(problem, proposal)
     N, n = problem.n_instants, len(laws.m0)
+    sizes = laws.sizes
+    if ess_threshold == 0:  # all have descendants: nothing is gained by genealogies that begin later
+        sizes = sizes.copy()
+        sizes[:, 2] = len(laws.B)
     means, covs = np.empty((N, n)), np.empty((N, n, n))
     log_evidence, ess = np.empty(N), np.empty(N)
     survivors: Any = np.empty(N, dtype=np.int64)
@@ -53,7 +57,7 @@ def run(
         n_particles,
         kernels.seed(rng),
         *(laws.m0, laws.spread_0, laws.F, laws.B, laws.n_moving),
-        *(laws.sizes, laws.z, laws.H, laws.K, laws.spread, laws.constants, laws.extra, laws.draw_first),
+        *(sizes, laws.z, laws.H, laws.K, laws.spread, laws.constants, laws.extra, laws.draw_first),
         *(ess_threshold, kernels.SCHEMES[resample]),
         *(means, covs, log_evidence, ess, survivors),
     )

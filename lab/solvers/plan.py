@@ -5,9 +5,9 @@ follow from what is seen.  They are computed once for a problem, whitened,
 
     S = L L',   z~ = L^-1 z,   H~ = L^-1 H,   K~ = K L,   constant = -(p log 2 pi + log det S) / 2,
 
-and the rows of the state are ordered: those that F moves or reads, then the others, those first that some step touches
-for longest.  After its last touch a row is static: all descendants of one particle share its value from then on
-(landmarks of SIS and SIR from time 0 on, of the guided filter from their first sight on).
+and the rows of the state are ordered: those that F moves, then the others, those first that some step touches for
+longest; F touches what it reads.  After its last touch a row is static: all descendants of one particle share its value
+from then on (landmarks of SIS and SIR from time 0 on, of the guided filter from their first sight on).
 Called by `lab.solvers.blocked` and `lab.solvers.compiled`.
 """
 
@@ -23,7 +23,7 @@ from lab.problem import Problem
 from lab.solvers.proposals import GaussianProposal
 from lab.validation import Array
 
-PATIENCE = 5  # steps for which no more rows become static, before those that have are taken from the particles
+PATIENCE = 10  # rows are taken as static only where none follow for so many steps
 RESIDUE = 1e-15  # of the largest entry: what rounding leaves of a gain that is 0
 
 
@@ -38,8 +38,10 @@ class Plan:
     F, B : (a, a), (a,) array
     n_moving : int
     sizes : (T, 3) array of int
-        Of each step: measured components, normals drawn, rows that are not taken as static yet.
+        Of each step: measured components, normals drawn, rows that are not taken as static yet, if genealogies are to
+        begin anew for those that become static later.
     z, H, K, spread, constants : (T, p), (T, p, n), (T, a, p), (T, a, e), (T,) array
+        One row, which nothing reads, where T = 0.
     extra : (T + 1, n, n) array
     draw_first : bool
     """
@@ -84,8 +86,9 @@ def _made(problem: Problem, proposal: GaussianProposal) -> Plan:
     p = max((len(law.z) for law in laws), default=0)
     e = max((law.spread.shape[1] for law in laws), default=0)
     sizes: Any = np.array([[len(law.z), law.spread.shape[1], n] for law in laws], dtype=np.int64).reshape(T, 3)
-    z, H, K = np.zeros((T, p)), np.zeros((T, p, n)), np.zeros((T, n, p))
-    spread, constants = np.zeros((T, n, e)), np.zeros(T)
+    rows = max(T, 1)
+    z, H, K = np.zeros((rows, p)), np.zeros((rows, p, n)), np.zeros((rows, n, p))
+    spread, constants = np.zeros((rows, n, e)), np.zeros(rows)
     extra = np.array([left, *(law.cov for law in laws)])
     for k, law in enumerate(laws):
         m, d, _ = sizes[k]
@@ -98,7 +101,7 @@ def _made(problem: Problem, proposal: GaussianProposal) -> Plan:
     moving = np.zeros(n, bool)
     moving[model.moving] = True
     until = _last_touched(K, spread)
-    until[moving | (model.F[moving] != 0).any(axis=0)] = max(T, 1)
+    until[moving | (model.F[moving] != 0).any(axis=0)] = rows
     order = np.lexsort((-until, ~moving))
     a = order[: np.count_nonzero(until)]
     sizes[:, 2] = _active(until, T)
@@ -129,8 +132,8 @@ def _last_touched(K: Array, spread: Array) -> Any:
 def _active(until: Any, T: int) -> Any:
     """Return of each step (T,) how many rows particles have of their own, those that have become static left out.
 
-    Each time that rows become static, genealogies begin anew, and for some steps nothing is gained: they wait for one
-    another, and for the end.
+    Each time that rows are taken as static, genealogies begin anew, and some resamplings must pass before anything is
+    gained: so those wait which others follow soon, and those near the end.
     """
     active = np.array([np.count_nonzero(until >= k) for k in range(1, T + 1)], dtype=np.int64)
     for k in range(1, T):
