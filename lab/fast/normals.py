@@ -22,7 +22,6 @@ from lab.fast.kernel import PRODUCTS, kernel, wide
 from lab.validation import Array
 
 LANES = 256  # particles of a block, and generators side by side
-SIGN = np.uint64(0x8000000000000000)
 LOW = np.uint64(1 << 8)  # two bits that make no part of `uniform`
 LOWER = np.uint64(1 << 9)
 SHIFT = np.uint64(17)
