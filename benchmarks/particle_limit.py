@@ -78,7 +78,7 @@ def resample(even, weights, tops, state, scratch, ends, points, before, ancestor
             weights[b, lane] = even[b, lane]
     offspring.resample(offspring.SYSTEMATIC, weights, tops, 0.0, n, state, scratch, ends, points, before, ancestors)
     for b in range(BLOCKS):
-        block.fetch(new, old, ancestors, b, n, old.shape[1], places)
+        block.fetch(new, old, ancestors, b, n, new.shape[1], places)
 
 
 def parts() -> dict[str, Callable[[], object]]:
@@ -99,7 +99,7 @@ def parts() -> dict[str, Callable[[], object]]:
         if rows == 2:  # one pass
             acts[f"moments {name}"] = partial(take_moments_of_points, cloud, np.zeros(2), weights, part, second)
         acts[f"memory {name}"] = partial(stream, cloud, logs.copy())
-        acts[f"resampling {name}"] = partial(resample, *cloud_weights, state, *room, *counts, other, cloud)
+        acts[f"resampling {name}"] = partial(resample, *cloud_weights, state, *room, *counts, other, cloud.reshape(-1))
     return acts
 
 

@@ -8,7 +8,8 @@ out: nothing here knows of robots.
     normals      the random stream            block       a step of 256 particles
     genealogy    rows kept once per ancestor  offspring   resampling
     moments      sums over a block            sums        mean and covariance of them
-    loop         a whole run                  compiled    the run as a function kept on disk
+    room         the memory of a run          loop        a whole run
+    compiled     the run as a function kept on disk
 """
 
 import warnings

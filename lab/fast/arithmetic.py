@@ -8,7 +8,8 @@ for one number at a time; polynomials after an exact reduction of the argument a
     sin a, cos a,                                   |a| <= pi / 4
 
 The coefficients of exp are those of the series itself, cut where a term is below 1e-17; those of log, sin and cos fit
-their interval to 2^-57 or better.  No reordering of sums is allowed here: the reductions rest on the order.
+their interval to 2^-57 or better.  Polynomials are taken by halves (Estrin's form), since in Horner's each product
+waits for the one before.  No other reordering of sums is allowed here: the reductions rest on the order.
 Source of the coefficients: FreeBSD's msun (Sun Microsystems 1993), e_log.c, k_sin.c, k_cos.c.
 Called by the kernels, in loops over lanes.
 """
@@ -84,13 +85,9 @@ def log(u: Any) -> Any:
     exponent = exponent + 1.0 if large else exponent
     s = (m - 1.0) / (m + 1.0)
     t = s * s
-    series = L7
-    series = series * t + L6
-    series = series * t + L5
-    series = series * t + L4
-    series = series * t + L3
-    series = series * t + L2
-    series = series * t + L1
+    t2 = t * t
+    t4 = t2 * t2
+    series = (L1 + L2 * t) + (L3 + L4 * t) * t2 + ((L5 + L6 * t) + L7 * t2) * t4
     return exponent * LOG_2_HIGH + (2.0 * s + (s * t * series + exponent * LOG_2_LOW))
 
 
@@ -101,18 +98,11 @@ def exp(x: Any) -> Any:
     shifted = held * (1.0 / math.log(2.0)) + ROUNDER
     q = shifted - ROUNDER
     r = (held - q * LOG_2_HIGH) - q * LOG_2_LOW
-    series = 1 / 6227020800
-    series = series * r + 1 / 479001600
-    series = series * r + 1 / 39916800
-    series = series * r + 1 / 3628800
-    series = series * r + 1 / 362880
-    series = series * r + 1 / 40320
-    series = series * r + 1 / 5040
-    series = series * r + 1 / 720
-    series = series * r + 1 / 120
-    series = series * r + 1 / 24
-    series = series * r + 1 / 6
-    series = series * r + 1 / 2
+    r2 = r * r
+    r4 = r2 * r2
+    low = (1 / 2 + 1 / 6 * r) + (1 / 24 + 1 / 120 * r) * r2
+    high = (1 / 720 + 1 / 5040 * r) + (1 / 40320 + 1 / 362880 * r) * r2
+    series = low + (high + ((1 / 3628800 + 1 / 39916800 * r) + (1 / 479001600 + 1 / 6227020800 * r) * r2) * r4) * r4
     value = (r * r * series + r + 1.0) * as_double((as_bits(shifted) + BIAS) << EXPONENT)
     return value if x > SMALLEST else 0.0
 
@@ -121,12 +111,8 @@ def exp(x: Any) -> Any:
 def sine(a: Any) -> Any:
     """Return sin a for |a| <= pi / 4."""
     t = a * a
-    series = S6
-    series = series * t + S5
-    series = series * t + S4
-    series = series * t + S3
-    series = series * t + S2
-    series = series * t + S1
+    t2 = t * t
+    series = (S1 + S2 * t) + ((S3 + S4 * t) + (S5 + S6 * t) * t2) * t2
     return a + a * t * series
 
 
@@ -134,10 +120,6 @@ def sine(a: Any) -> Any:
 def cosine(a: Any) -> Any:
     """Return cos a for |a| <= pi / 4."""
     t = a * a
-    series = C6
-    series = series * t + C5
-    series = series * t + C4
-    series = series * t + C3
-    series = series * t + C2
-    series = series * t + C1
+    t2 = t * t
+    series = (C1 + C2 * t) + ((C3 + C4 * t) + (C5 + C6 * t) * t2) * t2
     return 1.0 + t * (series * t - 0.5)

@@ -79,20 +79,14 @@ def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, tur
 def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int, places: Any) -> None:
     """Copy the ancestors of the particles of block b; `places` (LANES,) is room for where they are."""
     wide()
-    held, flat = min(LANES, n - b * LANES), old.reshape(-1)
-    if n_active > 2:
-        for lane in range(held):
-            ancestor = np.uint64(ancestors[b * LANES + lane])
-            places[lane] = (ancestor >> BLOCK) * np.uint64(old.shape[1] * LANES) + (ancestor & LANE)
+    held, stride = min(LANES, n - b * LANES), np.uint64(n_active * LANES)
+    for lane in range(held):
+        ancestor = np.uint64(ancestors[b * LANES + lane])
+        places[lane] = (ancestor >> BLOCK) * stride + (ancestor & LANE)
     for i in range(n_active):
         row = np.uint64(i * LANES)
-        if n_active > 2:
-            for lane in range(held):
-                new[b, i, lane] = flat[places[lane] + row]
-        else:
-            for lane in range(held):
-                ancestor = np.uint64(ancestors[b * LANES + lane])
-                new[b, i, lane] = old[ancestor >> BLOCK, i, ancestor & LANE]
+        for lane in range(held):
+            new[b, i, lane] = old[places[lane] + row]
         for lane in range(held, LANES):
             new[b, i, lane] = 0.0
 
@@ -101,32 +95,67 @@ def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int,
 def weigh_by_measurement(
     x: Array, rows: Array, z: Array, H: Array, b: int, p: int, n_active: int, y: Array, constant: float, logs: Array
 ) -> None:
-    """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b."""
+    """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b, by pairs of components.
+
+    Beside the first two rows, which are the robot's, a pair reads mostly two others: those of a landmark.
+    """
     wide()
-    for r in range(p):
-        z_r, done = z[r], 0
-        if n_active >= 2:  # the first two in one pass
-            h0, h1, done = H[r, 0], H[r, 1], 2
-            for lane in range(LANES):
-                y[r, lane] = z_r - h0 * x[b, 0, lane] - h1 * x[b, 1, lane]
-        else:
-            for lane in range(LANES):
-                y[r, lane] = z_r
-        for j in range(done, H.shape[1]):
-            factor = H[r, j]
-            if factor != 0.0 and j < n_active:
-                for lane in range(LANES):
-                    y[r, lane] -= factor * x[b, j, lane]
-            elif factor != 0.0:
-                for lane in range(LANES):
-                    y[r, lane] -= factor * rows[j, lane]
+    n = H.shape[1]
     if p == 0:
         for lane in range(LANES):
             logs[b, lane] += constant
-    for r in range(p):
+    for r in range(0, p, 2):
+        s = r + 1 if r + 1 < p else r
         added = constant if r == 0 else 0.0
-        for lane in range(LANES):
-            logs[b, lane] += added - 0.5 * y[r, lane] * y[r, lane]
+        others, i, j = 0, n, n  # beyond the first two: how many, and the last two of them
+        for column in range(2, n):
+            if H[r, column] != 0.0 or H[s, column] != 0.0:
+                others, i, j = others + 1, j, column
+        if n_active >= 2 and others == 2 and i >= n_active:
+            _weigh_pair(x, rows, i, j, z, H, r, s, b, y, added, logs)
+        elif n_active >= 2 and others == 2 and j < n_active:
+            _weigh_pair(x, x[b], i, j, z, H, r, s, b, y, added, logs)
+        else:
+            for q in range(r, s + 1):
+                _weigh_component(x, rows, z[q], H, q, b, n_active, y, added if q == r else 0.0, logs)
+
+
+@kernel(PRODUCTS)
+def _weigh_pair(
+    x: Array, others: Array, i: Any, j: Any, z: Array, H: Array, r: int, s: int, b: int, y: Array, added: float,
+    logs: Array,
+) -> None:  # fmt: skip
+    """Do so in one pass for components r and s, or one if they are the same, and for rows 0, 1 of x, i, j of others."""
+    wide()
+    z0, h00, h01, h02, h03 = z[r], H[r, 0], H[r, 1], H[r, i], H[r, j]
+    z1, h10, h11, h12, h13 = z[s], H[s, 0], H[s, 1], H[s, i], H[s, j]
+    half = 0.5 if s > r else 0.0
+    for lane in range(LANES):
+        x0, x1, x2, x3 = x[b, 0, lane], x[b, 1, lane], others[i, lane], others[j, lane]
+        y0 = z0 - h00 * x0 - h01 * x1 - h02 * x2 - h03 * x3
+        y1 = z1 - h10 * x0 - h11 * x1 - h12 * x2 - h13 * x3
+        y[r, lane], y[s, lane] = y0, y1
+        logs[b, lane] += added - 0.5 * y0 * y0 - half * y1 * y1
+
+
+@kernel(PRODUCTS)
+def _weigh_component(
+    x: Array, rows: Array, z: float, H: Array, r: int, b: int, n_active: int, y: Array, added: float, logs: Array
+) -> None:
+    """Do so for component r, whatever it reads, row by row."""
+    wide()
+    for lane in range(LANES):
+        y[r, lane] = z
+    for j in range(H.shape[1]):
+        factor = H[r, j]
+        if factor != 0.0 and j < n_active:
+            for lane in range(LANES):
+                y[r, lane] -= factor * x[b, j, lane]
+        elif factor != 0.0:
+            for lane in range(LANES):
+                y[r, lane] -= factor * rows[j, lane]
+    for lane in range(LANES):
+        logs[b, lane] += added - 0.5 * y[r, lane] * y[r, lane]
 
 
 @kernel(PRODUCTS)

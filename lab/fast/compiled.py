@@ -13,8 +13,9 @@ from pathlib import Path
 from lab.fast import loop
 from lab.fast.normals import normals, seed, uniforms
 from lab.fast.offspring import SCHEMES
+from lab.fast.room import room
 
-__all__ = ["KEPT", "SCHEMES", "normals", "run", "seed", "uniforms"]
+__all__ = ["KEPT", "SCHEMES", "normals", "room", "run", "seed", "uniforms"]
 
 
 def _fingerprint() -> int:

@@ -37,7 +37,7 @@ from lab.fast.block import (
     weigh_point,
     weights_of,
 )
-from lab.fast.genealogy import PAD, count_groups, keep, lay_out, next_group, regroup, retire
+from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup, retire
 from lab.fast.kernel import kernel, wide
 from lab.fast.moments import TILE
 from lab.fast.normals import LANES, normals
@@ -97,8 +97,13 @@ def build(sources: int) -> Any:
         log_evidence: Array,
         ess: Array,
         survivors: Any,
+        clouds: Array,
+        by_block: Array,
+        static: Array,
+        points: Array,
+        counts: Any,
     ) -> int:
-        """Run the filter over all instants and fill the last five arguments.
+        """Run the filter over all instants and fill the answer: `means` to `survivors`.
 
         Rows of the state are ordered: those that F moves, then the others, those first that are touched for longest.
 
@@ -130,6 +135,8 @@ def build(sources: int) -> Any:
         scheme : int
             Of `lab.fast.offspring.SCHEMES`.
         means, covs, log_evidence, ess, survivors : (T + 1, d), (T + 1, d, d), (T + 1,), (T + 1,), (T + 1,) array
+        clouds, by_block, static, points, counts : array
+            Of `lab.fast.room.room`.
 
         Returns
         -------
@@ -141,14 +148,16 @@ def build(sources: int) -> Any:
             return -1
         T, d, a = len(means) - 1, len(m0), len(B)
         blocks = (n + LANES - 1) // LANES
-        x, other = np.empty((blocks, a, LANES)), np.empty((blocks, a, LANES))
-        static, rows = np.empty((d, blocks * LANES + PAD)), np.zeros((d, LANES))
-        starts, founders, active, n_groups, n_founders = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), a, n, n
-        before, ancestors, kept = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(n, np.int32)
+        x, other = clouds[0].reshape((blocks, a, LANES)), clouds[1].reshape((blocks, a, LANES))
+        rows, weights, logs = np.zeros((d, LANES)), by_block[0], by_block[1]
+        starts, founders, before, ancestors, kept = counts[0], counts[1], counts[2], counts[3], counts[4]
+        active, n_groups, n_founders = a, n, n
         for i in range(n + 1):
             starts[i] = founders[i] = i
-        weights, tops = np.zeros((blocks, LANES)), np.empty(blocks)
-        ends, points = np.empty(blocks + 1), np.empty(n + 1)
+        for b in range(blocks):
+            for lane in range(LANES):
+                weights[b, lane] = 0.0
+        tops, ends = np.empty(blocks), np.empty(blocks + 1)
         n_draws = max(spread.shape[2], spread_0.shape[1])
         noise, y = np.empty((n_draws + 2, LANES)), np.empty((z.shape[1] + 1, LANES))
         scratch, places = np.empty((n_moving + 1, LANES)), np.empty(LANES, np.uint64)
@@ -156,9 +165,8 @@ def build(sources: int) -> Any:
         centre, shared, wanted = m0.copy(), np.empty(d), np.empty(d, np.int32)
         totals, part = np.zeros(2), np.zeros(d + TILE)
         first, second = np.zeros(d + TILE), np.zeros((d + TILE, d + TILE))
-        turning = turns(F, n_moving)
+        turning, flat = turns(F, n_moving), other.reshape(-1)
         even = -math.log(n)
-        logs = np.empty((blocks, LANES))
         logs[blocks - 1] = -np.inf
         fill_even(logs, n, even)
         largest, log_total = -np.inf, 0.0
@@ -171,9 +179,12 @@ def build(sources: int) -> Any:
             resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
             collapsed = k > 0 and ess[k - 1] < COLLAPSED
             if k and sizes[step, 2] < active:
-                active, other = sizes[step, 2], np.empty((blocks, sizes[step, 2], LANES))  # room for less
+                active = sizes[step, 2]
+                size = blocks * active * LANES
+                flat = x.reshape(-1)[:size]
+                other = other.reshape(-1)[:size].reshape((blocks, active, LANES))
                 retire(x, other, static, starts, n_groups, n)
-                x, other, n_groups = other, np.empty((blocks, active, LANES)), n
+                x, other, n_groups = other, flat.reshape((blocks, active, LANES)), n
             if resampled:
                 resample(scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)
                 n_founders = regroup(founders, n_founders, before, n, kept)
@@ -183,6 +194,7 @@ def build(sources: int) -> Any:
                 fill_even(logs, n, even)
                 log_total = 0.0
                 x, other = other, x
+                flat = other.reshape(-1)
             if k:
                 expect(means[k - 1], F, B, n_moving, z_k, H_k, K_k, p, centre, y)
             for j in range(active, d):
@@ -209,7 +221,7 @@ def build(sources: int) -> Any:
                             fill_mean(x, m0, b)
                             draw_static(static, m0, spread_0, noise, b, active)
                         elif resampled:
-                            fetch(x, other, ancestors, b, n, active, places)
+                            fetch(x, flat, ancestors, b, n, active, places)
                     for j in range(active, d):
                         if (groups > DENSE and summed) or (wanted[j] > 0 and attempt == 0 and not point):
                             lay_out(rows, static, starts, n_groups, group, groups, b, j)

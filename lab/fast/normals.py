@@ -50,33 +50,60 @@ def uniforms(state: Any, out: Array, row: int) -> None:
         state[3, lane] = (s3 << TURN) | (s3 >> BACK)
 
 
+@kernel(PRODUCTS)
+def _draw_uniforms(state: Any, out: Array, row: int) -> None:
+    """Put a uniform number of every lane into a row, and the 64 bits of its next one, read as a double, below."""
+    wide()
+    for lane in range(LANES):
+        s0, s1, s2, s3 = state[0, lane], state[1, lane], state[2, lane], state[3, lane]
+        out[row, lane] = uniform(s0 + s3)
+        s2 ^= s0
+        s3 ^= s1
+        t = s1 << SHIFT
+        s1 ^= s2
+        s0 ^= s3
+        s2 ^= t
+        s3 = (s3 << TURN) | (s3 >> BACK)
+        out[row + 1, lane] = as_double(s0 + s3)
+        s2 ^= s0
+        s3 ^= s1
+        state[1, lane] = s1 ^ s2
+        state[0, lane] = s0 ^ s3
+        state[2, lane] = s2 ^ (s1 << SHIFT)
+        state[3, lane] = (s3 << TURN) | (s3 >> BACK)
+
+
+@kernel(PRODUCTS)
+def _to_squares(out: Array, row: int) -> None:
+    """Turn uniform numbers into squares of radii."""
+    wide()
+    for lane in range(LANES):
+        out[row, lane] = -2.0 * log(out[row, lane])
+
+
+@kernel(PRODUCTS)
+def _turn(out: Array, row: int) -> None:
+    """Turn squares of radii, and the bits below them, into two normals."""
+    wide()
+    for lane in range(LANES):
+        radius, bits = math.sqrt(out[row, lane]), as_bits(out[row + 1, lane])
+        a = (uniform(bits) - 0.5) * (0.5 * math.pi)
+        # a quarter around the first axis; one bit turns it around, another exchanges the axes
+        c = radius * as_double(as_bits(cosine(a)) ^ ((bits & LOW) << TO_SIGN))
+        s = radius * sine(a)
+        swap = (bits & LOWER) != 0
+        out[row, lane] = s if swap else c
+        out[row + 1, lane] = c if swap else s
+
+
 @kernel(PRODUCTS, from_python=True)
 def normals(state: Any, out: Array, n_rows: int) -> None:
-    """Fill the first rows of `out` with standard normals; it has an even number of rows, of which one may be wasted."""
-    wide()
+    """Fill the first rows of `out` with standard normals; it has an even number of rows, of which one may be wasted.
+
+    In three loops: a chain of steps that wait for each other is overlapped with those of the next lanes only while they
+    fit into what the processor looks ahead, and its constants into its registers.
+    """
     for row in range(0, n_rows, 2):
-        for lane in range(LANES):
-            s0, s1, s2, s3 = state[0, lane], state[1, lane], state[2, lane], state[3, lane]
-            first = s0 + s3
-            s2 ^= s0
-            s3 ^= s1
-            t = s1 << SHIFT
-            s1 ^= s2
-            s0 ^= s3
-            s2 ^= t
-            s3 = (s3 << TURN) | (s3 >> BACK)
-            second = s0 + s3
-            s2 ^= s0
-            s3 ^= s1
-            state[1, lane] = s1 ^ s2
-            state[0, lane] = s0 ^ s3
-            state[2, lane] = s2 ^ (s1 << SHIFT)
-            state[3, lane] = (s3 << TURN) | (s3 >> BACK)
-            radius = math.sqrt(-2.0 * log(uniform(first)))
-            a = (uniform(second) - 0.5) * (0.5 * math.pi)
-            # a quarter around the first axis; one bit turns it around, another exchanges the axes
-            c = radius * as_double(as_bits(cosine(a)) ^ ((second & LOW) << TO_SIGN))
-            s = radius * sine(a)
-            swap = (second & LOWER) != 0
-            out[row, lane] = s if swap else c
-            out[row + 1, lane] = c if swap else s
+        _draw_uniforms(state, out, row)
+        _to_squares(out, row)
+        _turn(out, row)

@@ -196,13 +196,14 @@ def resample(
     """
     ends[0] = 0.0
     last = cumulate(weights, tops, largest, ends)
-    for i in range(n + 1):
-        before[i] = 0
+    before[0] = 0
     if scheme == SYSTEMATIC:
         systematic(weights, ends, n, state, scratch, before)
     elif scheme == STRATIFIED:
         stratified(weights, ends, n, state, scratch, points, before)
     else:
+        for i in range(n + 1):
+            before[i] = 0
         copies = keep_copies(weights, ends, n, before) if scheme == RESIDUAL else 0
         if copies < n:
             multinomial(weights, ends, n, n - copies, state, scratch, points, before)
