@@ -95,9 +95,10 @@ def compare(
     with ExitStack() as stack:
         if progress:
             advance = stack.enter_context(progress_bar("comparing", sum(u.n_particles + OVERHEAD for u in units)))
-        # long ones first: workers end together
         stack.enter_context(threadpools().limit(limits=1))  # here; each run asks for it where it is
-        for records in execute(work, sorted(batches(units, solvers), key=lambda batch: -batch[0].n_particles), _lost):
+        # long ones first: workers end together; and run by run: solvers that wait for memory meet others that compute
+        ordered = sorted(batches(units, solvers), key=lambda batch: (-batch[0].n_particles, batch[0].run))
+        for records in execute(work, ordered, _lost):
             for record in records:
                 done[record.unit] = record
                 if progress:
