@@ -5,27 +5,19 @@ end, in no fixed order, and goes on when a worker is killed: that item's result 
 
     execute(function, items, lost) -> iterator of results
 
-joblib's own process pool, loky, is used with one worker each, so that a death names its item: joblib.Parallel gives up
-all that is under way instead.  Knows no filters; called by `lab.compare`.  Other machines: `lab.cluster`.
+Worker processes: `lab.workers`; other machines: `lab.cluster`.  Knows no filters; called by `lab.compare`.
 """
 
-import os
-import signal
-import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, as_completed, wait
-from contextlib import contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Protocol, TypeVar
 
 import cloudpickle
 import joblib
-from loky import ProcessPoolExecutor
 
 from lab.validation import InputError
+from lab.workers import Crew, Worker
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -72,6 +64,7 @@ def processes(
     *,
     jobs: int,
     beside: bool = False,
+    crew: Crew | None = None,
 ) -> Iterator[Result]:
     """Run items in `jobs` processes (-1: one per processor), each with one item at a time.
 
@@ -103,107 +96,32 @@ def processes(
     except Exception as error:
         raise InputError(f"The work cannot be sent to other processes ({error}); run it in this one, jobs=1.") from None
     waiting = deque(items)
-    workers: list[_Worker] = []
-    with TemporaryDirectory(prefix="lab-") as folder:
-        file = Path(folder) / "function"
-        file.write_bytes(pickled)
-        try:
-            with _deaf_to_interrupts():
-                for _ in range(min(_count(jobs), len(items)) - beside):
-                    workers.append(_Worker(file))
-            running: dict[Future[Any], tuple[_Worker, Item]] = {}
-            for worker in workers * (1 + beside):
-                if len(waiting) > beside:  # one is left for this process
-                    item = waiting.popleft()
-                    running[worker.submit(item)] = (worker, item)
-            while waiting or running:
-                if beside and waiting:
-                    yield function(waiting.popleft())
-                at_once = 0 if beside and waiting else None
-                for future in wait(running, at_once, FIRST_COMPLETED).done:
-                    worker, item = running.pop(future)
-                    try:
-                        result = future.result()
-                    except BrokenExecutor:
-                        result = lost(item, DIED)
-                    if waiting:  # before the result is looked at, so that the worker has work
-                        following = waiting.popleft()
-                        running[worker.submit(following)] = (worker, following)
-                    yield result
-            for worker in workers:
-                worker.end()
-        finally:
-            for worker in workers:
-                worker.kill()
+    with crew or Crew() as crew:
+        crew.instruct(pickled)
+        needed = max(min(_count(jobs), len(items)) - beside, 0)
+        workers = crew.call(needed).workers[:needed]
+        running: dict[Future[Any], tuple[Worker, Item]] = {}
+        for worker in workers * (1 + beside):
+            if len(waiting) > beside:  # one is left for this process
+                item = waiting.popleft()
+                running[worker.submit(item)] = (worker, item)
+        while waiting or running:
+            if beside and waiting:
+                yield function(waiting.popleft())
+            at_once = 0 if beside and waiting else None
+            for future in wait(running, at_once, FIRST_COMPLETED).done:
+                worker, item = running.pop(future)
+                try:
+                    result = future.result()
+                except BrokenExecutor:
+                    result = lost(item, DIED)
+                if waiting:  # before the result is looked at, so that the worker has work
+                    following = waiting.popleft()
+                    running[worker.submit(following)] = (worker, following)
+                yield result
+        for worker in workers:
+            worker.end()
 
 
 def _count(jobs: int) -> int:
     return int(joblib.cpu_count()) if jobs == -1 else jobs
-
-
-_function: Callable[[Any], Any]  # of a worker process, where `_install` puts it
-
-
-def _install(file: Path) -> None:
-    """Begin a worker: also one by which loky replaces another that has grown, so nothing of it can come later."""
-    global _function
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # in a worker that replaces another
-    _function = cloudpickle.loads(file.read_bytes())
-
-
-def _end_with_parent(parent: int) -> None:
-    """End this worker soon after the process that started it was killed: nobody else would, in a long run."""
-    while os.getppid() == parent:
-        time.sleep(1)
-    os._exit(1)
-
-
-def _call(item: Any) -> Any:
-    return _function(item)
-
-
-class _Worker:
-    """A pool of one process, started at once and again when it has died; finds its function in a file.
-
-    A pipe that a function does not fit in would keep this process waiting until the worker has started.
-    """
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        self._start()
-
-    def _start(self) -> None:
-        self._pool: Any = ProcessPoolExecutor(max_workers=1, initializer=_install, initargs=(self._file,))
-        self._pool.submit(int)
-
-    def submit(self, item: Any) -> "Future[Any]":
-        try:
-            future: Future[Any] = self._pool.submit(_call, item)
-        except BrokenExecutor:
-            self.kill()
-            self._start()
-            future = self._pool.submit(_call, item)
-        return future
-
-    def end(self) -> None:
-        self._pool.shutdown()
-
-    def kill(self) -> None:
-        self._pool.shutdown(kill_workers=True)
-
-
-@contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """Start processes that leave Ctrl-C to this one, which ends them; otherwise each would print its own traceback.
-
-    They inherit the blocked signal; here, one that comes meanwhile is delivered afterwards.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows, where `_install` must do
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -57,7 +57,9 @@ def no_pictures(monkeypatch):
     from lab.cli import pictures
 
     here = pictures.execution.here  # in other processes the figures would be real
-    monkeypatch.setattr(pictures, "execution", Mock(here=here, processes=lambda *given, jobs, beside: here(*given)))
+    monkeypatch.setattr(
+        pictures, "execution", Mock(here=here, processes=lambda *given, jobs, beside, crew: here(*given))
+    )
     monkeypatch.setattr(pictures, "new_figure", Mock(return_value=Mock(**{"subplots.return_value": (Mock(), Mock())})))
     monkeypatch.setattr(pictures, "plots", Mock())
     monkeypatch.setattr(pictures, "save_png", lambda figure, path, description: path.write_bytes(PICTURE))

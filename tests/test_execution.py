@@ -2,6 +2,9 @@
 
 import os
 import signal
+import subprocess
+import sys
+import textwrap
 import threading
 import time
 from functools import partial
@@ -10,7 +13,7 @@ import cloudpickle
 import joblib
 import pytest
 
-from lab import execution
+from lab import execution, workers
 
 
 def lost(item, reason):
@@ -27,9 +30,9 @@ def work(item, *, deadly=()):
 def test_each_item_once_in_as_many_processes_as_asked_for(jobs):
     results = list(execution.processes(work, range(12), lost, jobs=jobs))
     assert sorted(square for square, _ in results) == [i * i for i in range(12)]
-    workers = {worker for _, worker in results}
-    assert os.getpid() not in workers
-    assert 1 <= len(workers) <= jobs
+    pids = {pid for _, pid in results}
+    assert os.getpid() not in pids
+    assert 1 <= len(pids) <= jobs
 
 
 def test_one_worker_per_processor_and_none_too_many(monkeypatch):
@@ -37,7 +40,7 @@ def test_one_worker_per_processor_and_none_too_many(monkeypatch):
     made = []
     for items, jobs, expected in ((range(9), -1, 3), (range(2), -1, 2), (range(9), 2, 2), ([], 2, 0)):
         made.clear()
-        monkeypatch.setattr(execution, "_Worker", partial(Counted, made))
+        monkeypatch.setattr(workers, "Worker", partial(Counted, made))
         assert len(list(execution.processes(work, items, lost, jobs=jobs))) == len(items)
         assert len(made) == expected
 
@@ -45,13 +48,13 @@ def test_one_worker_per_processor_and_none_too_many(monkeypatch):
 class Counted:
     """A worker of this process."""
 
-    def __init__(self, made, file):
+    def __init__(self, made, file, module):
         made.append(self)
-        self.function = cloudpickle.loads(file.read_bytes())
+        self.file = file
 
     def submit(self, item):
         future = execution.Future()
-        future.set_result(self.function(item))
+        future.set_result(cloudpickle.loads(self.file.read_bytes())(item))
         return future
 
     def end(self):
@@ -108,10 +111,10 @@ def test_this_process_takes_its_part(jobs, items):
     function = partial(elsewhere, here=os.getpid())
     results = list(execution.processes(function, range(items), lost, jobs=jobs, beside=True))
     assert sorted(square for square, _ in results) == [i * i for i in range(items)]
-    workers = [worker for _, worker in results]
-    assert len(set(workers)) <= jobs
-    assert workers.count(os.getpid()) >= min(items, 1)
-    assert (workers.count(os.getpid()) == items) == (jobs == 1 or items < 2)
+    pids = [pid for _, pid in results]
+    assert len(set(pids)) <= jobs
+    assert pids.count(os.getpid()) >= min(items, 1)
+    assert (pids.count(os.getpid()) == items) == (jobs == 1 or items < 2)
 
 
 def test_a_worker_that_dies_beside_this_process_loses_what_it_was_given_and_nothing_else():
@@ -205,8 +208,61 @@ def alive(process):
     return True
 
 
+@pytest.mark.parametrize(("jobs", "early"), [(1, 1), (2, 1), (1, 3)])
+def test_workers_that_were_started_before_are_taken_and_others_join_them(jobs, early):
+    with workers.Crew("colorsys").call(early) as crew:
+        waiting = list(map(pid_of, crew.workers))
+        results = list(execution.processes(imported, range(8), lost, jobs=jobs, crew=crew))
+    assert sorted(item for item, _, _ in results) == [*range(8)]
+    assert all(there for _, there, _ in results)  # what the crew imports, each of them has
+    pids = {pid for _, _, pid in results}
+    assert len(pids) <= jobs
+    assert pids & set(waiting)
+    assert not any(map(alive, waiting))
+
+
+def imported(item):
+    time.sleep(0.2)
+    return item, "colorsys" in sys.modules, os.getpid()
+
+
+def test_a_worker_that_died_while_it_waited_is_replaced():
+    with workers.Crew().call(1) as crew:
+        os.kill(pid_of(crew.workers[0]), signal.SIGKILL)
+        time.sleep(0.5)
+        results = list(execution.processes(work, range(4), lost, jobs=1, crew=crew))
+    assert sorted(square for square, _ in results) == [0, 1, 4, 9]
+
+
+def test_workers_without_work_end_at_once(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with workers.Crew().call(2) as crew:
+        pids = list(map(pid_of, crew.workers))
+        assert all(map(alive, pids))
+    assert not any(map(alive, pids))
+    assert os.listdir(tmp_path) == []
+
+
+def pid_of(worker):
+    return worker._pool.submit(os.getpid).result()
+
+
 @pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="needs POSIX signals")
 def test_workers_leave_an_interrupt_to_this_process():
     for result in execution.processes(work, range(3), lost, jobs=1):
         os.kill(result[1], signal.SIGINT)
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_the_first_worker_is_deaf_to_interrupts_from_its_beginning():
+    """Before it reads anything: afterwards a traceback of its own would be in the terminal."""
+    script = """
+        from lab.workers import Crew
+        with Crew().call(1) as crew:
+            (pid,) = crew.workers[0]._pool._processes
+            print(open(f"/proc/{pid}/status").read())
+    """
+    status = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True)
+    (blocked,) = (int(line.split()[1], 16) for line in status.stdout.splitlines() if line.startswith("SigBlk"))
+    assert blocked >> (signal.SIGINT - 1) & 1

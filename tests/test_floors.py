@@ -38,6 +38,7 @@ FLOORS = {
     "lab.metrics": 4,
     "lab.units": 4,
     "lab.work": 4,
+    "lab.workers": 4,
     "lab.progress": 4,
     "lab.consistency": 4,
     "lab.plots": 4,
@@ -64,6 +65,7 @@ SIDEWAYS = {
     "lab.compare": {"lab.comparison", "lab.execution", "lab.metrics", "lab.progress", "lab.units", "lab.work"},
     "lab.units": {"lab.comparison"},
     "lab.work": {"lab.comparison", "lab.metrics", "lab.units"},
+    "lab.execution": {"lab.workers"},
     "lab.cluster": {"lab.execution"},
     "lab.comparison": {"lab.metrics"},
     "lab.plots": {"lab.comparison"},  # a result

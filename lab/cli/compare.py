@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lab.problem import Experiment
     from lab.solvers import Solver
     from lab.sweep import Unfinished
+    from lab.workers import Crew
 
 
 def compare(
@@ -56,6 +57,12 @@ def compare(
     With --out every finished run is kept at once: after Ctrl-C, a kill or a power cut, the same command with --resume
     goes on where it was, to the same numbers.
     """
+    crew = None
+    if out is not None and (jobs > 1 or jobs == -1):
+        from lab.workers import Crew
+
+        # the one that is to draw gets ready while this process does
+        crew = context.with_resource(Crew("lab.cli.pictures")).call(1)
     from lab.cli import output, tables
     from lab.sweep import Unfinished
 
@@ -84,7 +91,7 @@ def compare(
         if out is not None and unfinished is not None:
             try:
                 with output.result_folder(out) as folder:
-                    _write(folder, comparison, sources, config, moments=asked["moments"], jobs=jobs)
+                    _write(folder, comparison, sources, config, moments=asked["moments"], jobs=jobs, crew=crew)
             except KeyboardInterrupt:
                 kept = f"all {len(comparison.records)} runs are finished and kept in {unfinished.folder}"
                 raise output.Stopped(f"stopped; {kept}; --resume writes the result.") from None
@@ -204,6 +211,7 @@ def _write(
     *,
     moments: bool,
     jobs: int,
+    crew: "Crew | None",
 ) -> None:
     """Write tables, figures, data and configuration."""
     from lab.cli import output, pictures
@@ -221,7 +229,7 @@ def _write(
         source.save(folder / ("experiment.npz" if len(sources) == 1 else f"experiment-{i}.npz"))
     with progress_bar("drawing", 1) as advance:
         figures = pictures.write_comparison(
-            folder, comparison, sources[0], lambda _, total: advance(1 / total), jobs=jobs
+            folder, comparison, sources[0], lambda _, total: advance(1 / total), jobs=jobs, crew=crew
         )
     write_report(folder / "report.html", comparison, figures, config, findings(comparison))
     output.write_config(folder, config)

@@ -19,6 +19,7 @@ from lab.plots.style import new_figure, record_in_words, save_png
 from lab.problem import Experiment
 from lab.result import Filtered
 from lab.validation import Array
+from lab.workers import Crew
 
 Group = str | tuple[str, str]
 LONGEST = 60  # characters of a label in a file's name
@@ -31,6 +32,7 @@ def write_comparison(
     on_done: Callable[[int, int], None],
     *,
     jobs: int = 1,
+    crew: Crew | None = None,
 ) -> list[Picture]:
     """Write the figures of a comparison, and for each solver those of its first good run kept, with the largest N.
 
@@ -45,6 +47,8 @@ def write_comparison(
         Told after each figure, or group of figures, how many of how many are there.
     jobs : int
         Processes that draw, this one among them; -1 for one per processor.
+    crew : Crew, optional
+        Of processes that were started before.
 
     Returns
     -------
@@ -53,7 +57,7 @@ def write_comparison(
     """
     drawing = _Drawing(folder, comparison, experiment)
     groups: list[Group] = [*_GENERAL, *_suffixes(comparison.solvers).items()]
-    run: Execute = execution.here if jobs == 1 else partial(execution.processes, jobs=jobs, beside=True)
+    run: Execute = execution.here if jobs == 1 else partial(execution.processes, jobs=jobs, beside=True, crew=crew)
     written: dict[Group, list[Picture]] = {}
     for group, pictures in run(drawing, groups[::-1], lambda group, _: drawing(group)):
         written[group] = pictures
