@@ -1,8 +1,8 @@
 """What a step does to one block of 256 particles while it is in the cache.
 
 Question answered: how do particles move, draw, get weighed and follow their ancestors, when a step is an affine map
-that all share?  Every function takes all blocks and the number b of one, since a view of it would cost as much as the
-work; zeros of a map are left out once per block, and the loop over lanes inside has neither branch nor call.
+that all share?  Functions take all blocks and the number b of one rather than a view of it for each look; zeros of a
+map are left out once per block, and the loop over lanes inside has neither branch nor call.
 Called by `lab.fast.loop`.
 """
 
@@ -77,7 +77,10 @@ def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, tur
 
 @kernel()
 def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int, places: Any) -> None:
-    """Copy the ancestors of the particles of block b; `places` (LANES,) is room for where they are."""
+    """Copy the ancestors of the particles of block b from `old`, all blocks in one row.
+
+    `places` (LANES,) is room for where they are.
+    """
     wide()
     held, stride = min(LANES, n - b * LANES), np.uint64(n_active * LANES)
     for lane in range(held):
@@ -97,7 +100,7 @@ def weigh_by_measurement(
 ) -> None:
     """Set y = z - H x and add constant - |y|^2 / 2 to the log-weights of block b, by pairs of components.
 
-    Beside the first two rows, which are the robot's, a pair reads mostly two others: those of a landmark.
+    A pair mostly reads the first two rows, which move, and two others.
     """
     wide()
     n = H.shape[1]
@@ -122,16 +125,16 @@ def weigh_by_measurement(
 
 @kernel(PRODUCTS)
 def _weigh_pair(
-    x: Array, others: Array, i: Any, j: Any, z: Array, H: Array, r: int, s: int, b: int, y: Array, added: float,
+    x: Array, source: Array, i: Any, j: Any, z: Array, H: Array, r: int, s: int, b: int, y: Array, added: float,
     logs: Array,
 ) -> None:  # fmt: skip
-    """Do so in one pass for components r and s, or one if they are the same, and for rows 0, 1 of x, i, j of others."""
+    """Weigh by components r and s, or by one if they are the same, which read rows 0, 1 of x and i, j of `source`."""
     wide()
     z0, h00, h01, h02, h03 = z[r], H[r, 0], H[r, 1], H[r, i], H[r, j]
     z1, h10, h11, h12, h13 = z[s], H[s, 0], H[s, 1], H[s, i], H[s, j]
     half = 0.5 if s > r else 0.0
     for lane in range(LANES):
-        x0, x1, x2, x3 = x[b, 0, lane], x[b, 1, lane], others[i, lane], others[j, lane]
+        x0, x1, x2, x3 = x[b, 0, lane], x[b, 1, lane], source[i, lane], source[j, lane]
         y0 = z0 - h00 * x0 - h01 * x1 - h02 * x2 - h03 * x3
         y1 = z1 - h10 * x0 - h11 * x1 - h12 * x2 - h13 * x3
         y[r, lane], y[s, lane] = y0, y1
@@ -142,7 +145,7 @@ def _weigh_pair(
 def _weigh_component(
     x: Array, rows: Array, z: float, H: Array, r: int, b: int, n_active: int, y: Array, added: float, logs: Array
 ) -> None:
-    """Do so for component r, whatever it reads, row by row."""
+    """Weigh by component r, whatever it reads, row by row."""
     wide()
     for lane in range(LANES):
         y[r, lane] = z

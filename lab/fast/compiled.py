@@ -3,7 +3,7 @@
 Question answered: when must kernels be compiled anew?  numba keeps machine code beside the source (in `__pycache__`, or
 in the user's cache folder, or where NUMBA_CACHE_DIR says) and looks at the time of one file alone.  So the hash of all
 sources of the package goes into the function as a constant: with any of them changed it is another function.
-Where no folder can be written to, every process compiles for itself, in about ten seconds.
+Where no folder can be written to, every process compiles for itself, in a quarter of a minute or more.
 Imported by `lab.fast.load` only, since it imports numba.
 """
 

@@ -1,8 +1,8 @@
 """The memory that a compiled run works in.
 
-Question answered: who asks the system for it, and how?  Once for all, through numpy, which asks for large pages from
-4 MB on: a run with twelve rows walks through thousands of small ones at every step, and a processor remembers where two
-thousand are.  Nothing is given back before the run ends, and nothing more is asked for.
+Question answered: who asks the system for it, and how?  All that grows with the particles is asked for at once, through
+numpy, which asks for large pages from 4 MB on: a run with twelve rows walks through thousands of small ones at every
+step, and a processor remembers where two thousand are.  Nothing of it is given back before the run ends.
 Called by `lab.solvers.compiled`.
 """
 
@@ -17,7 +17,7 @@ COUNTS = 5  # arrays of whole numbers, one for each particle
 
 
 def room(n: int, d: int, a: int) -> tuple[Any, ...]:
-    """Return the last arguments of the compiled run.
+    """Return the last arguments of the compiled run; what they hold does not matter and is overwritten.
 
     Parameters
     ----------
