@@ -137,13 +137,12 @@ class Unfinished:
 
     def remove(self) -> None:
         """Forget everything, once the result is written or nothing was finished."""
-        try:
+        with suppress(OSError):
             # at once under another name: a folder half removed would look like another program's
-            doomed = Path(tempfile.mkdtemp(prefix=TEMPORARY, dir=self.folder.parent)) / FOLDER
-            self.folder.rename(doomed)
-        except OSError:
-            return
-        shutil.rmtree(doomed.parent, ignore_errors=True)
+            doomed = Path(tempfile.mkdtemp(prefix=TEMPORARY, dir=self.folder.parent))
+            with suppress(OSError):
+                self.folder.rename(doomed / FOLDER)
+            shutil.rmtree(doomed, ignore_errors=True)
 
 
 def resumable(execute: Execute, unfinished: Unfinished) -> Execute:

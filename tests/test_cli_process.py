@@ -198,3 +198,14 @@ def test_help_imports_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "Usage: slam-lab" in done.stdout
     assert done.stderr == "[]\n"
+
+
+@posix
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_comparison_that_nobody_listens_to(here, jobs):
+    """As a shell starts it with >&- 2>&-."""
+    arguments = ("compare", "--solvers", "sir", "--particles", "5", "--runs", "2", "--jobs", jobs, "--out", "a")
+    process = subprocess.Popen(command(*arguments), preexec_fn=lambda: os.closerange(1, 3))
+    assert process.wait(100) == 0
+    assert (here / "a" / "report.html").exists()
+    assert not list((here / "a").glob(".*"))

@@ -148,6 +148,15 @@ def test_it_is_removed_at_once_or_not_at_all(given, unfinished, monkeypatch):
     assert [path.name[:9] for path in unfinished.folder.parent.iterdir()] == [".partial-"]
 
 
+def test_it_is_removed_twice_and_nothing_remains(given, unfinished):
+    """Once when the result is written, and once more when the block ends."""
+    with unfinished.begun(CONFIG):
+        unfinished.keep(compare(**given | {"runs": 1}).records[0])
+        (unfinished.folder.parent / "result").touch()
+        unfinished.remove()
+    assert [path.name for path in unfinished.folder.parent.iterdir()] == ["result"]
+
+
 def test_nothing_finished_leaves_nothing(unfinished):
     with unfinished.begun(CONFIG):
         assert unfinished.config == CONFIG

@@ -4,6 +4,7 @@ Bad input is one sentence on standard error and status 2; a run that failed insi
 130.  Heavy packages are imported by the commands that need them, so that ``--help`` is quick.
 """
 
+import os
 import signal
 import sys
 import threading
@@ -25,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments : sequence of str, optional
         Without the program's name; by default those of the process.
     """
+    _open_streams()
     with _noting_signals() as received:
         try:
             from lab.cli.app import INTERRUPTED, execute
@@ -43,6 +45,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if message:
             print(f"slam-lab: {message}", file=sys.stderr)
     sys.exit(status)
+
+
+def _open_streams() -> None:
+    """Open what whoever started this has closed (>&-), as if nobody listened: other processes need it, too."""
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), number)
+            os.set_inheritable(number, True)
+            setattr(sys, name, os.fdopen(number, "w", encoding="utf-8", closefd=False))
 
 
 @contextmanager
