@@ -5,7 +5,8 @@ end, in no fixed order, and goes on when a worker is killed: that item's result 
 
     execute(function, items, lost) -> iterator of results
 
-Worker processes: `lab.workers`; other machines: `lab.cluster`.  Knows no filters; called by `lab.compare`.
+Worker processes: `lab.workers`; other machines: `lab.cluster`.  Knows no filters; called by `lab.compare` and
+where figures are drawn.
 """
 
 from collections import deque

@@ -23,10 +23,11 @@ from typing import Any
 
 import cloudpickle
 from loky import ProcessPoolExecutor
+from loky.backend import resource_tracker as loky_tracker
 
 
 class Crew:
-    """Workers of the same function, as many as were called for; a context that ends them.
+    """Workers of the same function, for one use; a context that ends them.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ class Crew:
         return self
 
     def instruct(self, pickled: bytes) -> None:
-        """Say what all are to do with their items: the first time, and before the first item."""
+        """Say, once and before the first item, what all are to do with their items."""
         self._file.write_bytes(pickled)
 
     def __enter__(self) -> "Crew":
@@ -69,7 +70,7 @@ class Worker:
     """
 
     def __init__(self, file: Path, module: str | None) -> None:
-        self._initial = (file, module)
+        self._initial = (file, module, os.getpid())
         self._start()
 
     def _start(self) -> None:
@@ -99,11 +100,11 @@ _file: Path  # of a worker process
 _function: Callable[[Any], Any] | None = None
 
 
-def _begin(file: Path, module: str | None) -> None:
+def _begin(file: Path, module: str | None, parent: int) -> None:
     """Begin a worker: also one by which loky replaces another that has grown, so nothing of it can come later."""
     global _file
     _file = file
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # in a worker that replaces another
     if module is not None:
         import_module(module)
@@ -138,7 +139,9 @@ def _deaf_to_interrupts() -> Iterator[None]:
         return
     from multiprocessing import resource_tracker
 
-    resource_tracker.ensure_running()  # with the first worker there comes a process that unblocks the signal here
+    # with the first worker there come two processes that unblock the signal here, unless they are there before
+    resource_tracker.ensure_running()
+    loky_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

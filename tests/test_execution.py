@@ -266,3 +266,23 @@ def test_the_first_worker_is_deaf_to_interrupts_from_its_beginning():
     status = subprocess.run([sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=True)
     (blocked,) = (int(line.split()[1], 16) for line in status.stdout.splitlines() if line.startswith("SigBlk"))
     assert blocked >> (signal.SIGINT - 1) & 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="kills with POSIX signals and reads /proc")
+@pytest.mark.parametrize("delay", [0, 0.1, 1])
+def test_a_worker_ends_after_this_process_was_killed_even_before_the_worker_had_begun(delay, tmp_path):
+    script = f"""
+        import os, signal, time
+        from lab.workers import Crew
+        crew = Crew().call(1)
+        print(*crew.workers[0]._pool._processes, flush=True)
+        time.sleep({delay})
+        os.kill(os.getpid(), signal.SIGKILL)
+    """
+    with (tmp_path / "pid").open("w") as file:  # no pipe, which the worker would hold
+        subprocess.run([sys.executable, "-c", textwrap.dedent(script)], stdout=file)
+    pid = int((tmp_path / "pid").read_text())
+    deadline = time.monotonic() + 20
+    while alive(pid) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not alive(pid)

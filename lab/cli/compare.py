@@ -61,7 +61,7 @@ def compare(
     if out is not None and (jobs > 1 or jobs == -1):
         from lab.workers import Crew
 
-        # the one that is to draw gets ready while this process does
+        # the one that is to draw gets ready while this process does, and then waits, with 100 MB of its own
         crew = context.with_resource(Crew("lab.cli.pictures")).call(1)
     from lab.cli import output, tables
     from lab.sweep import Unfinished

@@ -48,7 +48,7 @@ def write_comparison(
     jobs : int
         Processes that draw, this one among them; -1 for one per processor.
     crew : Crew, optional
-        Of processes that were started before.
+        Of a worker that was started before, and is ended.
 
     Returns
     -------
