@@ -81,6 +81,8 @@ def processes(
     beside : bool
         Whether this process is one of them: it works while the others start, which pays when they take long to.  They
         have one item more in hand, since this process may be busy when they end one; so a death may lose two.
+    crew : Crew, optional
+        Workers that were started before; others join as needed, they serve this call only and are ended with it.
 
     Raises
     ------
