@@ -280,7 +280,8 @@ def test_a_worker_ends_after_this_process_was_killed_even_before_the_worker_had_
         os.kill(os.getpid(), signal.SIGKILL)
     """
     with (tmp_path / "pid").open("w") as file:  # no pipe, which the worker would hold
-        subprocess.run([sys.executable, "-c", textwrap.dedent(script)], stdout=file)
+        environment = os.environ | {"TMPDIR": str(tmp_path)}  # what a killed process leaves
+        subprocess.run([sys.executable, "-c", textwrap.dedent(script)], stdout=file, env=environment)
     pid = int((tmp_path / "pid").read_text())
     deadline = time.monotonic() + 20
     while alive(pid) and time.monotonic() < deadline:
