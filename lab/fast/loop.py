@@ -39,14 +39,13 @@ from lab.fast.block import (
 )
 from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup, retire
 from lab.fast.kernel import kernel, wide
-from lab.fast.moments import TILE
 from lab.fast.normals import LANES, normals
 from lab.fast.offspring import resample
 from lab.fast.sums import DENSE, add_moments, clear, finish, rescale
 from lab.validation import Array
 
 COLLAPSED = 2.0  # an ESS below it: the mean goes where single particles go, so that none is expected
-FAINT = 80.0  # a log-weight so far below that of the second heaviest block changes no digit: exp(-80) = 2e-35
+FAINT = 52.0  # a log-weight so far below that of the second heaviest block changes no digit: exp(-52) = 3e-23
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
 
@@ -161,10 +160,9 @@ def build(sources: int) -> Any:
         n_draws = max(spread.shape[2], spread_0.shape[1])
         noise, y = np.empty((n_draws + 2, LANES)), np.empty((z.shape[1] + 1, LANES))
         scratch, places = np.empty((n_moving + 1, LANES)), np.empty(LANES, np.uint64)
-        centred, weighted = np.zeros((d + TILE, LANES)), np.zeros((d + TILE, LANES))
         centre, shared, wanted = m0.copy(), np.empty(d), np.empty(d, np.int32)
-        totals, part = np.zeros(2), np.zeros(d + TILE)
-        first, second = np.zeros(d + TILE), np.zeros((d + TILE, d + TILE))
+        totals, part, weighted = np.zeros(2), np.zeros(d), np.empty((d, LANES))
+        first, second = np.zeros(d), np.zeros((d, d))
         turning, flat = turns(F, n_moving), other.reshape(-1)
         even = -math.log(n)
         logs[blocks - 1] = -np.inf
@@ -255,7 +253,7 @@ def build(sources: int) -> Any:
                         total = weights_of(logs, b, largest, weights, totals)
                         add_moments(
                             x, rows, weights, total, static, starts, n_groups, group, groups, b, centre, active,
-                            centred, weighted, shared, part, first, second,
+                            weighted, shared, part, first, second,
                         )  # fmt: skip
                     group = next_group(starts, n_groups, group, groups, b) if active < d else 0
                 if attempt == 0 and collapsed:

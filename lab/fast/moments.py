@@ -22,26 +22,33 @@ TILE = 3
 
 
 @kernel(SUMS)
-def weigh(centred: Array, weights: Array, b: int, weighted: Array, n_rows: int, part: Array) -> None:
-    """Set weighted = w * centred with the weights of block b, and `part` to the sums of its rows."""
+def weigh(
+    source: Array, centre: Array, weights: Array, b: int, weighted: Array, start: int, stop: int, part: Array
+) -> None:
+    """Set rows start..stop - 1 of `weighted` to w (x - c) with the weights of block b, and `part` to their sums."""
     wide()
-    for i in range(n_rows):
-        total = 0.0
+    for i in range(start, stop):
+        total, c = 0.0, centre[i]
         for lane in range(LANES):
-            value = weights[b, lane] * centred[i, lane]
+            value = weights[b, lane] * (source[i, lane] - c)
             weighted[i, lane] = value
             total += value
         part[i] = total
 
 
 @kernel(SUMS)
-def _tile(centred: Array, weighted: Array, i: int, j: int, second: Array) -> None:
-    """Add nine products of rows i, i + 1, i + 2 and j, j + 1, j + 2."""
+def _tile(weighted: Array, i: int, stop: int, source: Array, centre: Array, j: int, end: int, second: Array) -> None:
+    """Add the products of three rows, i of `weighted` and after it, and three, j of `source` and after it, minus c.
+
+    Rows from `stop` and from `end` on are left out.
+    """
     wide()
+    i1, i2, j1, j2 = min(i + 1, stop - 1), min(i + 2, stop - 1), min(j + 1, end - 1), min(j + 2, end - 1)
+    c0, c1, c2 = centre[j], centre[j1], centre[j2]
     s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
     for lane in range(LANES):
-        a0, a1, a2 = weighted[i, lane], weighted[i + 1, lane], weighted[i + 2, lane]
-        b0, b1, b2 = centred[j, lane], centred[j + 1, lane], centred[j + 2, lane]
+        a0, a1, a2 = weighted[i, lane], weighted[i1, lane], weighted[i2, lane]
+        b0, b1, b2 = source[j, lane] - c0, source[j1, lane] - c1, source[j2, lane] - c2
         s00 += a0 * b0
         s01 += a0 * b1
         s02 += a0 * b2
@@ -51,15 +58,21 @@ def _tile(centred: Array, weighted: Array, i: int, j: int, second: Array) -> Non
         s20 += a2 * b0
         s21 += a2 * b1
         s22 += a2 * b2
-    second[i, j] += s00
-    second[i, j + 1] += s01
-    second[i, j + 2] += s02
-    second[i + 1, j] += s10
-    second[i + 1, j + 1] += s11
-    second[i + 1, j + 2] += s12
-    second[i + 2, j] += s20
-    second[i + 2, j + 1] += s21
-    second[i + 2, j + 2] += s22
+    _add(second, i, j, end - j, s00, s01, s02)
+    if i + 1 < stop:
+        _add(second, i + 1, j, end - j, s10, s11, s12)
+    if i + 2 < stop:
+        _add(second, i + 2, j, end - j, s20, s21, s22)
+
+
+@kernel()
+def _add(second: Array, i: int, j: int, room: int, s0: float, s1: float, s2: float) -> None:
+    """Add three sums to row i, from column j on, or as many of them as there is room for."""
+    second[i, j] += s0
+    if room > 1:
+        second[i, j + 1] += s1
+    if room > 2:
+        second[i, j + 2] += s2
 
 
 @kernel(SUMS)
@@ -83,14 +96,16 @@ def point_in_plane(x: Array, b: int, centre: Array, weights: Array, part: Array,
 
 
 @kernel()
-def products(centred: Array, weighted: Array, n_rows: int, second: Array) -> None:
-    """Add sum w (x - c)(x - c)' to the tiles of `second` on and above the diagonal.
+def products(
+    weighted: Array, source: Array, centre: Array, start: int, stop: int, begin: int, end: int, second: Array
+) -> None:
+    """Add the products of rows start..stop - 1 of `weighted` and begin..end - 1 of `source`, on and above the diagonal.
 
-    Rows beyond `n_rows`, up to the next multiple of three, must be there and hold zeros.
+    Where the two overlap they are the same rows; a tile on the diagonal is added whole.
     """
-    for i in range(0, n_rows, TILE):
-        for j in range(i, n_rows, TILE):
-            _tile(centred, weighted, i, j, second)
+    for i in range(start, stop, TILE):
+        for j in range(max(i, begin), end, TILE):
+            _tile(weighted, i, stop, source, centre, j, end, second)
 
 
 @kernel(SUMS)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lab.fast.kernel import kernel, wide
-from lab.fast.moments import TILE, add_shared, point_in_plane, products, sum_segment, weigh
+from lab.fast.moments import add_shared, point_in_plane, products, sum_segment, weigh
 from lab.fast.normals import LANES
 from lab.validation import Array
 
@@ -38,7 +38,6 @@ def add_moments(
     b: int,
     centre: Array,
     n_active: int,
-    centred: Array,
     weighted: Array,
     shared: Array,
     part: Array,
@@ -53,17 +52,12 @@ def add_moments(
     if n_rows == 2 and groups == 1:
         point_in_plane(x, b, centre, weights, part, second)
     else:
-        for i in range(n_active):
-            for lane in range(LANES):
-                centred[i, lane] = x[b, i, lane] - centre[i]
-        for i in range(n_active, n_rows):
-            for lane in range(LANES):
-                centred[i, lane] = rows[i, lane] - centre[i]
-        for i in range(n_rows, n_rows + (-n_rows) % TILE):
-            for lane in range(LANES):
-                centred[i, lane] = weighted[i, lane] = 0.0
-        weigh(centred, weights, b, weighted, n_rows, part)
-        products(centred, weighted, n_rows, second)
+        weigh(x[b], centre, weights, b, weighted, 0, n_active, part)
+        products(weighted, x[b], centre, 0, n_active, 0, n_active, second)
+        if dense:
+            weigh(rows, centre, weights, b, weighted, n_active, n, part)
+            products(weighted, rows, centre, 0, n_active, n_active, n, second)
+            products(weighted, rows, centre, n_active, n, n_active, n, second)
     for i in range(n_rows):
         first[i] += part[i]
     if not dense and n_active < n:
