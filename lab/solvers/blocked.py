@@ -35,37 +35,34 @@ ROOT_HALF = np.sqrt(0.5)  # goes into y, so that its square needs no factor
 LEAST = -600.0  # log-weights so far below the largest count as 0: with numbers near the smallest one, all is slow
 LONG = 1000  # particles: where groups have as many on average, they are gone through one by one
 
-Term = tuple[slice, slice, Array]  # target rows += matrix @ source rows
-
 
 class _Step(NamedTuple):
-    """A step of a plan as products that all read the particles before the step.
+    """A step of a plan as one product that reads the particles before the step.
 
     y is what the measurement has beyond what a particle expects, whitened, times the root of a half.
 
     Attributes
     ----------
-    lead : (n_moving + p, n_draws + r) array
-        From the noise and the first r active rows to the rows that F moves, and to y.
-    measure, correct : list of Term
-        From the other active rows to y; from y to the active rows, and from the noise, if need be, to those that F does
-        not move.
-    draws_on : bool
-        Whether there is that need.
-    shift : (n_moving, 1) array
+    map : (u + p, c) array
+        From what is read to the u rows that the step changes, and to y.
+    reads, writes : list of slice
+        The c rows of noise and active rows, one above the other; the u active rows.
+    shift : (u, 1) array
     expected, of_static : (p, 1), (p, s) array
         The parts of y that need no active row.
+    gain : (u, p) array
+        What y does to the rows that change: `map` has it but for those parts.
     constant : float
     n_draws : int
     """
 
-    lead: Array
-    measure: list[Term]
-    correct: list[Term]
-    draws_on: bool
+    map: Array
+    reads: list[slice]
+    writes: list[slice]
     shift: Array
     expected: Array
     of_static: Array
+    gain: Array
     constant: float
     n_draws: int
 
@@ -164,28 +161,26 @@ def _weigh(logs: Array, w: Array, k: int) -> Array:
 def _steps(laws: Plan) -> list[_Step]:
     """Return the steps of a plan, made at the first call."""
     if laws not in _prepared:
-        a, m = len(laws.B), laws.n_moving
-        read = np.flatnonzero(laws.F[:m].any(axis=0))
-        r = max(m, int(read[-1]) + 1 if len(read) else 0)
+        a, m, rooms = len(laws.B), laws.n_moving, laws.spread.shape[2]
         moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
         _prepared[laws] = []
         for step, (p, e, _) in enumerate(laws.sizes):
             z, H = laws.z[step, :p, np.newaxis] * ROOT_HALF, laws.H[step, :p, :a] * ROOT_HALF
-            drawn = laws.spread[step, :, :e]
-            lead = np.zeros((m + p, drawn.shape[1] + r))
-            lead[:m] = np.hstack([drawn[:m], laws.F[:m, :r]])
-            lead[m:] = -H @ np.hstack([drawn * laws.draw_first, moved[:, :r]])
-            others = np.hstack([np.zeros((p, r)), -H[:, r:]])
-            draws = np.vstack([np.zeros_like(drawn[:m]), drawn[m:]])
+            drawn, K = laws.spread[step, :, :e], laws.K[step, :, :p] / ROOT_HALF
+            to_y = -H @ np.hstack([drawn * laws.draw_first, moved])
+            to_rows = np.hstack([drawn, moved]) + K @ to_y
+            changed = np.flatnonzero((np.arange(a) < m) | drawn.any(axis=1) | K.any(axis=1))
+            whole = np.vstack([to_rows[changed], to_y])
+            read = np.flatnonzero(whole.any(axis=0))
             _prepared[laws].append(
                 _Step(
-                    lead,
-                    _terms(others),
-                    _terms(np.hstack([laws.K[step, :, :p] / ROOT_HALF, draws])),
-                    bool(draws.any()),
-                    laws.B[:m, np.newaxis],
-                    z - H[:, :m] @ laws.B[:m, np.newaxis],
+                    np.ascontiguousarray(whole[:, read]),
+                    _neighbours(rooms - e + read),
+                    _neighbours(changed),
+                    laws.B[changed, np.newaxis],
+                    z - H @ laws.B[:, np.newaxis],
                     -laws.H[step, :p, a:] * ROOT_HALF,
+                    K[changed],
                     float(laws.constants[step]),
                     int(e),
                 )
@@ -195,39 +190,35 @@ def _steps(laws: Plan) -> list[_Step]:
 
 def _make(step: _Step, cloud: Clones, logs: Array) -> None:
     """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
-    m, p, expected = len(step.shift), len(step.expected), step.expected
-    unused = len(cloud.noise) - step.n_draws
-    if step.of_static.any():
+    u, p, shift, expected = len(step.shift), len(step.expected), step.shift, step.expected
+    shared = not step.of_static.any()  # whether y differs by the active rows alone
+    if shared:
+        shift = shift + step.gain @ expected
+    else:
         expected = expected + cloud.product(step.of_static, cloud.static)
         if len(logs) < expected.shape[1] * LONG:
             expected = cloud.spread_out(expected)
-    for rows in blocks(len(logs), max(len(cloud.both), len(step.lead))):
-        x, noise = cloud.x[:, rows], cloud.noise[unused:, rows]
-        room = np.empty((len(step.lead) + len(noise) * step.draws_on, x.shape[1]))
-        lead, y = room[: m + p], room[m : m + p]
-        cloud.product(step.lead, cloud.both[unused : unused + step.lead.shape[1], rows], out=lead)
-        room[m + p :] = noise[: len(room) - len(lead)]
+    for rows in blocks(len(logs), max(len(cloud.both), u + p)):
+        read = [cloud.both[neighbours, rows] for neighbours in step.reads]
+        made = np.empty((u + p, rows.stop - rows.start))
+        cloud.product(step.map, np.concatenate(read) if len(read) > 1 else read[0], out=made)
+        if not shared and step.gain.any():
+            apart = np.zeros((p, made.shape[1]))
+            cloud.add(apart, expected, rows)
+            made[:u] += cloud.product(step.gain, apart)
+        begin = 0
+        for neighbours in step.writes:
+            end = begin + neighbours.stop - neighbours.start
+            np.add(made[begin:end], shift[begin:end], out=cloud.x[neighbours, rows])
+            begin = end
+        y = made[u:]
         cloud.add(y, expected, rows)
-        _add(cloud, y, step.measure, x)
-        np.add(lead[:m], step.shift, out=x[:m])
-        _add(cloud, x, step.correct, room[m:])
         np.square(y, out=y)
         for square in y:
             logs[rows] -= square
 
 
-def _terms(matrix: Array) -> list[Term]:
-    """Return the blocks of a matrix that are not zero: neighbouring rows, and columns from first to last."""
-    found, used = [], np.flatnonzero(matrix.any(axis=1))
-    for rows in np.split(used, np.flatnonzero(np.diff(used) > 1) + 1) if len(used) else []:
-        target = slice(int(rows[0]), int(rows[-1]) + 1)
-        columns = np.flatnonzero(matrix[target].any(axis=0))
-        for run in np.split(columns, np.flatnonzero(np.diff(columns) > 1) + 1):
-            source = slice(int(run[0]), int(run[-1]) + 1)
-            found.append((target, source, np.ascontiguousarray(matrix[target, source])))
-    return found
-
-
-def _add(cloud: Clones, target: Array, terms: Sequence[Term], source: Array) -> None:
-    for rows, columns, matrix in terms:
-        target[rows] += cloud.product(matrix, source[columns])
+def _neighbours(rows: Any) -> list[slice]:
+    """Return ascending whole numbers as slices of those that follow one another; an empty one where there are none."""
+    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    return [slice(int(run[0]), int(run[-1]) + 1) if len(run) else slice(0, 0) for run in runs]

@@ -18,9 +18,8 @@ from lab.solvers.plan import Plan
 from lab.validation import Array
 
 FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
-BLOCK = 48_000  # numbers that are worked on at a time: they stay in the cache
+BLOCK = 128_000  # numbers that are worked on at a time: a megabyte, which stays in the cache
 SMALLEST, LARGEST = 1000, 12_000  # particles of a block: calls are not free either
-MANY = 32  # rows, from which on BLAS takes half the time for a matrix times its own transpose
 PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 
 
@@ -164,24 +163,22 @@ def _moments(
     heaviest = np.argmax(w)
     origin = np.concatenate([part[:, heaviest] for part in parts])[:, np.newaxis]
     n = len(origin)
-    first, second, (room, products) = np.zeros(n), np.zeros((n, n)), np.empty((2, n, block_size(n)))
+    first, second, room = np.zeros(n), np.zeros((n, n)), np.empty((n, min(block_size(n), len(w))))
     for rows in blocks(len(w), n):
-        begin, size = 0, rows.stop - rows.start
-        centred, weighted = room[:, :size], products[:, :size]
+        begin, centred = 0, room[:, : rows.stop - rows.start]
         for part in parts:
             end = begin + len(part)
             np.subtract(part[:, rows], origin[begin:end], out=centred[begin:end])
             begin = end
-        if n > MANY and sums is None:
+        if sums is None:
             roots = np.sqrt(w[rows])
             centred *= roots
             first += centred @ roots
-            second += centred @ centred.T
+            second += centred @ centred.T  # of a matrix and itself, for which BLAS takes less time
         else:
-            np.multiply(centred, w[rows], out=weighted)
+            weighted = centred * w[rows]
             first += centred @ w[rows]
             second += weighted @ centred.T
-        if sums is not None:
             from_group, to_group = np.searchsorted(starts, [rows.start, rows.stop - 1], side="right") - [1, 0]
             places = np.maximum(starts[from_group:to_group] - rows.start, 0)
             sums[:, from_group:to_group] += np.add.reduceat(weighted, places, axis=1)
