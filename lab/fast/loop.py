@@ -45,7 +45,7 @@ from lab.fast.sums import DENSE, add_moments, clear, finish, rescale
 from lab.validation import Array
 
 COLLAPSED = 2.0  # an ESS below it: the mean goes where single particles go, so that none is expected
-FAINT = 52.0  # a log-weight so far below that of the second heaviest block changes no digit: exp(-52) = 3e-23
+FAINT = 52.0  # a million weights so far below that of the second heaviest block change no digit: exp(-52) = 3e-23
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
 
@@ -212,7 +212,7 @@ def build(sources: int) -> Any:
                     groups = count_groups(starts, n_groups, group, b) if active < d else 1
                     point = bare and groups == 1
                     # a block whose weights are next to nothing adds nothing
-                    summed = not collapsed if attempt == 0 else largest_of(logs, b) - largest > least
+                    summed = not collapsed if attempt == 0 else tops[b] - largest > least
                     if attempt == 0:
                         normals(state, noise, e)
                         if k == 0:
@@ -239,7 +239,7 @@ def build(sources: int) -> Any:
                                 add_rows(x, K_k, y, b, active, p)
                             if not drawn_first:
                                 add_rows(x, spread_k, noise, b, active, e)
-                        top = largest_of(logs, b)
+                        tops[b] = top = largest_of(logs, b)
                         if top > largest:
                             if not collapsed:
                                 rescale(math.exp(largest - top), totals, first, second)
@@ -247,7 +247,8 @@ def build(sources: int) -> Any:
                             largest, heaviest = top, b
                         elif top > second_largest:
                             second_largest = top
-                    tops[b] = -np.inf
+                    if attempt > 0:
+                        tops[b] = -np.inf
                     if summed and largest > -np.inf:
                         tops[b] = largest
                         total = weights_of(logs, b, largest, weights, totals)
