@@ -44,11 +44,12 @@ def weigh(logs, weights, totals):
 
 
 @njit(nogil=True)
-def take_moments(centred, weights, weighted, rows, part, second):
+def take_moments(rows, centre, weights, weighted, part, second):
     """Sum the moments of some rows."""
+    n = len(rows)
     for _ in range(BLOCKS):
-        moments.weigh(centred, weights, 0, weighted, rows, part)
-        moments.products(centred, weighted, rows, second)
+        moments.weigh(rows, centre, weights, 0, weighted, 0, n, part)
+        moments.products(weighted, rows, centre, 0, n, 0, n, second)
 
 
 @njit(nogil=True)
@@ -86,8 +87,6 @@ def parts() -> dict[str, Callable[[], object]]:
     rng = np.random.default_rng(0)
     state, out = normals.seed(rng), np.empty((2, LANES))
     logs, weights, totals = -rng.random((BLOCKS, LANES)), np.ones((1, LANES)), np.zeros(2)
-    centred, weighted = rng.standard_normal((15, LANES)), np.zeros((15, LANES))
-    part, second = np.zeros(15), np.zeros((15, 15))
     n = BLOCKS * LANES
     cloud_weights = (np.exp(logs), np.empty((BLOCKS, LANES)), np.zeros(BLOCKS))
     room = (np.empty((1, LANES)), np.empty(BLOCKS + 1), np.empty(n + 1))
@@ -95,9 +94,12 @@ def parts() -> dict[str, Callable[[], object]]:
     acts = {"normals": partial(draw, state, out), "exp": partial(weigh, logs, weights, totals)}
     for name, rows in (("SIR", 2), ("RBPF", 12)):
         cloud, other = rng.standard_normal((BLOCKS, rows, LANES)), np.empty((BLOCKS, rows, LANES))
-        acts[f"moments {name}"] = partial(take_moments, centred, weights, weighted, rows, part, second)
+        centre, part, second = np.zeros(rows), np.zeros(rows), np.zeros((rows, rows))
         if rows == 2:  # one pass
-            acts[f"moments {name}"] = partial(take_moments_of_points, cloud, np.zeros(2), weights, part, second)
+            acts[f"moments {name}"] = partial(take_moments_of_points, cloud, centre, weights, part, second)
+        else:
+            sums = (np.empty((rows, LANES)), part, second)
+            acts[f"moments {name}"] = partial(take_moments, cloud[0].copy(), centre, weights, *sums)
         acts[f"memory {name}"] = partial(stream, cloud, logs.copy())
         acts[f"resampling {name}"] = partial(resample, *cloud_weights, state, *room, *counts, other, cloud.reshape(-1))
     return acts
