@@ -71,6 +71,15 @@ def test_landmarks_are_kept_once_for_each_ancestor():
     np.testing.assert_array_equal(cloud.spread_out(cloud.static), before[:, places])
 
 
+def test_resampling_leaves_the_order_of_memory_as_it_was():
+    """Products of few particles add in it: a last digit would depend on whether another run had resampled."""
+    cloud = Clones(blocked.plan(cut(problem(), 12), prior), FEW, [np.random.default_rng(0)])
+    assert cloud.static.flags.f_contiguous
+    cloud.resample(np.minimum(2 * np.arange(1, FEW + 1), FEW))
+    assert cloud.static.flags.f_contiguous
+    assert not cloud.static.flags.c_contiguous
+
+
 @pytest.mark.parametrize("n_particles", [FEWEST, 7, 100, FEW])
 @pytest.mark.parametrize("name", PROPOSALS)
 def test_runs_together_have_the_numbers_of_runs_alone(n_particles, name):

@@ -62,6 +62,8 @@ class Clones:
             self.x[:, rows] = self.product(laws.spread_0[:a], drawn[:, rows])
         self.x += laws.m0[:a, np.newaxis]
         self.static = laws.m0[a:, np.newaxis] + self.product(laws.spread_0[a:], drawn)
+        if n_particles <= FEW:  # einsum adds in the order of memory, which is this one after any run has resampled
+            self.static = np.asfortranarray(self.static)
         self.starts, self._ancestors = np.arange(n_columns), np.empty(n_columns, np.intp)
 
     def draw(self, n_rows: int) -> None:
