@@ -161,7 +161,7 @@ def _weigh(logs: Array, w: Array, k: int) -> Array:
 def _steps(laws: Plan) -> list[_Step]:
     """Return the steps of a plan, made at the first call."""
     if laws not in _prepared:
-        a, m, rooms = len(laws.B), laws.n_moving, laws.spread.shape[2]
+        a, m, most = len(laws.B), laws.n_moving, laws.spread.shape[2]
         moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
         _prepared[laws] = []
         for step, (p, e, _) in enumerate(laws.sizes):
@@ -175,7 +175,7 @@ def _steps(laws: Plan) -> list[_Step]:
             _prepared[laws].append(
                 _Step(
                     np.ascontiguousarray(whole[:, read]),
-                    _neighbours(rooms - e + read),
+                    _neighbours(most - e + read),  # what is drawn stands last
                     _neighbours(changed),
                     laws.B[changed, np.newaxis],
                     z - H @ laws.B[:, np.newaxis],
@@ -192,6 +192,7 @@ def _make(step: _Step, cloud: Clones, logs: Array) -> None:
     """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
     u, p, shift, expected = len(step.shift), len(step.expected), step.shift, step.expected
     shared = not step.of_static.any()  # whether y differs by the active rows alone
+    corrected = not shared and step.gain.any()
     if shared:
         shift = shift + step.gain @ expected
     else:
@@ -202,7 +203,7 @@ def _make(step: _Step, cloud: Clones, logs: Array) -> None:
         read = [cloud.both[neighbours, rows] for neighbours in step.reads]
         made = np.empty((u + p, rows.stop - rows.start))
         cloud.product(step.map, np.concatenate(read) if len(read) > 1 else read[0], out=made)
-        if not shared and step.gain.any():
+        if corrected:
             apart = np.zeros((p, made.shape[1]))
             cloud.add(apart, expected, rows)
             made[:u] += cloud.product(step.gain, apart)
