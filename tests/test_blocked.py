@@ -109,24 +109,26 @@ def test_weights_that_are_all_zero_name_their_instant():
         sir(lost(), np.random.default_rng(0), n_particles=300)
 
 
-def test_a_covariance_far_smaller_than_what_surrounds_it():
+@pytest.mark.parametrize("near", [False, True])
+def test_a_covariance_far_smaller_than_what_surrounds_it(near):
     """Nearly all weight at one place, far from where most particles are: differences of squares would drown it."""
     rng = np.random.default_rng(0)
     x, w = 1e3 + rng.standard_normal((3, 5000)), np.zeros(5000)
     x[:, 17:20] = np.array([[1e3], [1e6], [-1e3]]) + 1e-4 * rng.standard_normal((3, 3))
     w[17:20] = 0.5, 0.3, 0.2
-    mean, cov = _moments([x[:1], x[1:]], 7 * w, 7 * w.sum())
+    mean, cov = _moments([x[:1], x[1:]], 7 * w, 7 * w.sum(), near=near)
     expected = weights.moments(x, w / w.sum())
     np.testing.assert_allclose(mean, expected[0], rtol=1e-14)
     np.testing.assert_allclose(cov, expected[1], rtol=1e-6)
     assert (np.diag(cov) > 0).all()
 
 
+@pytest.mark.parametrize("near", [False, True])
 @pytest.mark.parametrize("n", [2, 33])
-def test_moments_of_few_and_of_many_rows(n):
+def test_moments_of_few_and_of_many_rows(n, near):
     rng = np.random.default_rng(n)
-    x, w = 10 + rng.standard_normal((n, 3000)), rng.gamma(0.3, size=3000)
-    mean, cov = _moments([x[:2], x[2:]], w, w.sum())
+    x, w = (1 if near else 10) + rng.standard_normal((n, 3000)), rng.gamma(0.3, size=3000)
+    mean, cov = _moments([x[:2], x[2:]], w, w.sum(), near=near)
     expected = weights.moments(x, w / w.sum())
     np.testing.assert_allclose(mean, expected[0], rtol=1e-13)
     np.testing.assert_allclose(cov, expected[1], rtol=0, atol=1e-13)

@@ -47,24 +47,28 @@ class _Step(NamedTuple):
         From what is read to the u rows that the step changes, and to y.
     reads, writes : list of slice
         The c rows of noise and active rows, one above the other; the u active rows.
-    shift : (u, 1) array
     expected, of_static : (p, 1), (p, s) array
         The parts of y that need no active row.
     gain : (u, p) array
-        What y does to the rows that change: `map` has it but for those parts.
+        What y does to the rows that change: `map` has it but for the static rows.
     constant : float
     n_draws : int
+    path : (n,) array
+        Where particles are counted from after the step.
+    differing : list of slice
+        The active rows that are not the same for all particles after the step.
     """
 
     map: Array
     reads: list[slice]
     writes: list[slice]
-    shift: Array
     expected: Array
     of_static: Array
     gain: Array
     constant: float
     n_draws: int
+    path: Array
+    differing: list[slice]
 
 
 _prepared: WeakKeyDictionary[Plan, list[_Step]] = WeakKeyDictionary()  # plans never change
@@ -94,10 +98,11 @@ def run(
     laws, runs, P = plan(problem, proposal), len(rngs), n_particles
     steps, N, n = _steps(laws), problem.n_instants, len(laws.m0)
     means, covs = np.empty((N, runs, n)), np.empty((N, runs, n, n))
+    path, differing = laws.m0, _neighbours(np.flatnonzero(laws.spread_0[: len(laws.B)].any(axis=1)))
     log_evidence, ess = np.zeros((N, runs)), np.empty((N, runs))
     survivors: Any = np.empty((N, runs), dtype=np.int64)
     cloud = Clones(laws, P, rngs)
-    w, totals = np.ones((runs, P)), np.full(runs, float(P))
+    w, totals, largest = np.ones((runs, P)), np.full(runs, float(P)), np.zeros(runs)
     logs, shared = np.zeros((runs, P)), np.full(runs, -np.log(P))  # log-weights, and what all of a run have of them
     # a large array is dear the first time that it is written to, so these are written to again and again
     room = np.empty((runs, P)), np.empty((runs, P), np.intp)
@@ -113,12 +118,17 @@ def run(
             step = steps[k - 1]
             cloud.draw(step.n_draws)
             _make(step, cloud, logs.ravel())
-            largest = _weigh(logs, w, k)
+            if len(step.expected):
+                largest = _weigh(logs, w, k)
+            elif len(tired):
+                w[tired], largest[tired] = 1, 0
             totals = w.sum(axis=1)
             increment = largest + np.log(totals) + shared + step.constant
             shared += step.constant - increment
             log_evidence[k] = log_evidence[k - 1] + increment
-        means[k], covs[k] = cloud.moments(w, totals)
+            path, differing = step.path, step.differing
+        means[k], covs[k] = cloud.moments(w, totals, differing)
+        means[k] += path
         if not np.isfinite(means[k]).all():
             raise InputError("A particle is NaN or infinite.")
         ess[k] = [total**2 / (row @ row) for total, row in zip(totals, w, strict=True)]
@@ -163,26 +173,32 @@ def _steps(laws: Plan) -> list[_Step]:
     if laws not in _prepared:
         a, m, most = len(laws.B), laws.n_moving, laws.spread.shape[2]
         moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
+        path, differing = laws.m0, laws.spread_0[:a].any(axis=1)
         _prepared[laws] = []
         for step, (p, e, _) in enumerate(laws.sizes):
-            z, H = laws.z[step, :p, np.newaxis] * ROOT_HALF, laws.H[step, :p, :a] * ROOT_HALF
+            z, H = laws.z[step, :p] * ROOT_HALF, laws.H[step, :p] * ROOT_HALF
             drawn, K = laws.spread[step, :, :e], laws.K[step, :, :p] / ROOT_HALF
-            to_y = -H @ np.hstack([drawn * laws.draw_first, moved])
+            to_y = -H[:, :a] @ np.hstack([drawn * laws.draw_first, moved])
             to_rows = np.hstack([drawn, moved]) + K @ to_y
             changed = np.flatnonzero((np.arange(a) < m) | drawn.any(axis=1) | K.any(axis=1))
             whole = np.vstack([to_rows[changed], to_y])
             read = np.flatnonzero(whole.any(axis=0))
+            path = np.concatenate([moved @ path[:a] + laws.B, path[a:]])
+            expected = z - H @ path
+            path[:a] += K @ expected
+            differing = to_rows[:, :e].any(axis=1) | (K @ H[:, a:]).any(axis=1) | ((to_rows[:, e:] != 0) @ differing)
             _prepared[laws].append(
                 _Step(
                     np.ascontiguousarray(whole[:, read]),
                     _neighbours(most - e + read),  # what is drawn stands last
                     _neighbours(changed),
-                    laws.B[changed, np.newaxis],
-                    z - H @ laws.B[:, np.newaxis],
-                    -laws.H[step, :p, a:] * ROOT_HALF,
+                    expected[:, np.newaxis],
+                    -H[:, a:],
                     K[changed],
                     float(laws.constants[step]),
                     int(e),
+                    path,
+                    _neighbours(np.flatnonzero(differing)),
                 )
             )
     return _prepared[laws]
@@ -190,27 +206,25 @@ def _steps(laws: Plan) -> list[_Step]:
 
 def _make(step: _Step, cloud: Clones, logs: Array) -> None:
     """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
-    u, p, shift, expected = len(step.shift), len(step.expected), step.shift, step.expected
-    shared = not step.of_static.any()  # whether y differs by the active rows alone
-    corrected = not shared and step.gain.any()
-    if shared:
-        shift = shift + step.gain @ expected
-    else:
-        expected = expected + cloud.product(step.of_static, cloud.static)
-        if len(logs) < expected.shape[1] * LONG:
-            expected = cloud.spread_out(expected)
+    u, p, expected = len(step.gain), len(step.expected), step.expected
+    corrected = False  # whether rows change by what the static ones make of y
+    if step.of_static.any():
+        beyond = cloud.product(step.of_static, cloud.static)
+        if len(logs) < beyond.shape[1] * LONG:
+            beyond = cloud.spread_out(beyond)
+        expected, corrected = expected + beyond, bool(step.gain.any())
     for rows in blocks(len(logs), max(len(cloud.both), u + p)):
         read = [cloud.both[neighbours, rows] for neighbours in step.reads]
         made = np.empty((u + p, rows.stop - rows.start))
         cloud.product(step.map, np.concatenate(read) if len(read) > 1 else read[0], out=made)
         if corrected:
             apart = np.zeros((p, made.shape[1]))
-            cloud.add(apart, expected, rows)
+            cloud.add(apart, beyond, rows)
             made[:u] += cloud.product(step.gain, apart)
         begin = 0
         for neighbours in step.writes:
             end = begin + neighbours.stop - neighbours.start
-            np.add(made[begin:end], shift[begin:end], out=cloud.x[neighbours, rows])
+            cloud.x[neighbours, rows] = made[begin:end]
             begin = end
         y = made[u:]
         cloud.add(y, expected, rows)

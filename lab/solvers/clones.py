@@ -20,6 +20,7 @@ from lab.validation import Array
 FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
 BLOCK = 128_000  # numbers that are worked on at a time: a megabyte, which stays in the cache
 SMALLEST, LARGEST = 1000, 12_000  # particles of a block: calls are not free either
+LOST = 1e-6  # a variance below this part of the squared mean has lost too many digits
 PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 
 
@@ -60,8 +61,7 @@ class Clones:
         self.noise, self.x = self.both[:e], self.both[e:]
         for rows in blocks(n_columns, a):
             self.x[:, rows] = self.product(laws.spread_0[:a], drawn[:, rows])
-        self.x += laws.m0[:a, np.newaxis]
-        self.static = laws.m0[a:, np.newaxis] + self.product(laws.spread_0[a:], drawn)
+        self.static = self.product(laws.spread_0[a:], drawn)
         if n_particles <= FEW:  # einsum adds in the order of memory, which is this one after any run has resampled
             self.static = np.asfortranarray(self.static)
         self.starts, self._ancestors = np.arange(n_columns), np.empty(n_columns, np.intp)
@@ -106,8 +106,11 @@ class Clones:
         alive = np.diff(starts, append=len(ends)) > 0
         self.starts, self.static = starts[alive], self.static[:, alive]
 
-    def moments(self, w: Array, totals: Array) -> tuple[Array, Array]:
-        """Return means (runs, n) and covariances (runs, n, n) of the particles; weights (runs, P) and sums (runs,)."""
+    def moments(self, w: Array, totals: Array, differing: Sequence[slice]) -> tuple[Array, Array]:
+        """Return means (runs, n) and covariances (runs, n, n) of the particles; weights (runs, P) and sums (runs,).
+
+        Of the active rows those that are not `differing` are 0.
+        """
         runs, P = w.shape
         if P <= FEW:
             w = w / totals[:, np.newaxis]
@@ -116,16 +119,22 @@ class Clones:
             x -= means[:, :, np.newaxis]
             x *= np.sqrt(w)[:, np.newaxis]
             return means, x @ x.transpose(0, 2, 1)
-        each = [self._large_moments(w[i], totals[i], slice(i * P, (i + 1) * P)) for i in range(runs)]
+        each = [self._large_moments(w[i], totals[i], slice(i * P, (i + 1) * P), differing) for i in range(runs)]
         return np.array([mean for mean, _ in each]), np.array([cov for _, cov in each])
 
-    def _large_moments(self, w: Array, total: float, particles: slice) -> tuple[Array, Array]:
+    def _large_moments(
+        self, w: Array, total: float, particles: slice, differing: Sequence[slice]
+    ) -> tuple[Array, Array]:
         first, end = (int(place) for place in np.searchsorted(self.starts, (particles.start, particles.stop)))
         starts, static, x = self.starts[first:end] - particles.start, self.static[:, first:end], self.x[:, particles]
-        if len(starts) == len(w) or not len(static):
-            return _moments([part for part in (x, static) if len(part)], w, total)
         a, n, sums = len(x), len(x) + len(static), np.zeros((len(x), len(starts)))
-        mean, cov = np.empty(n), np.empty((n, n))
+        mean, cov = np.zeros(n), np.zeros((n, n))
+        if not len(static):
+            rows = np.r_[tuple(differing)]
+            mean[rows], cov[np.ix_(rows, rows)] = _moments([x[part] for part in differing], w, total, near=True)
+            return mean, cov
+        if len(starts) == len(w):
+            return _moments([x, static], w, total)
         mean[:a], cov[:a, :a] = _moments([x], w, total, starts, sums)
         mean[a:], cov[a:, a:] = _moments([static], np.add.reduceat(w, starts), total)
         cov[:a, a:] = sums @ (static - mean[a:, np.newaxis]).T / total
@@ -134,6 +143,8 @@ class Clones:
 
     def survivors(self, runs: int) -> Any:
         """Return how many ancestors of time 0 each run has left."""
+        if runs == 1:
+            return len(self.starts)
         return np.bincount(self.starts * runs // self.x.shape[1], minlength=runs)
 
 
@@ -155,26 +166,30 @@ def _padded(n_rows: int, n_columns: int) -> Array:
 
 
 def _moments(
-    parts: Sequence[Array], w: Array, total: float, starts: Any = None, sums: Array | None = None
+    parts: Sequence[Array], w: Array, total: float, starts: Any = None, sums: Array | None = None, *, near: bool = False
 ) -> tuple[Array, Array]:
     """Return the weighted mean and covariance of the rows of all parts, which are read once.
 
     The heaviest particle is the origin: however small a covariance is, its distance from the mean cannot drown it.  The
     rows' weighted sums over the groups that begin at `starts` (G,), as seen from there, are added to `sums` (n, G).
+    Where `near` says that means are not far from 0, that is the origin, if the sums do not say otherwise.
     """
     heaviest = np.argmax(w)
-    origin = np.concatenate([part[:, heaviest] for part in parts])[:, np.newaxis]
+    origin = np.concatenate([part[:, heaviest] for part in parts])[:, np.newaxis] * (not near)
     n = len(origin)
     first, second, room = np.zeros(n), np.zeros((n, n)), np.empty((n, min(block_size(n), len(w))))
     for rows in blocks(len(w), n):
-        begin, centred = 0, room[:, : rows.stop - rows.start]
+        begin, centred, roots = 0, room[:, : rows.stop - rows.start], np.sqrt(w[rows])
         for part in parts:
             end = begin + len(part)
-            np.subtract(part[:, rows], origin[begin:end], out=centred[begin:end])
+            if near:
+                np.multiply(part[:, rows], roots, out=centred[begin:end])
+            else:
+                np.subtract(part[:, rows], origin[begin:end], out=centred[begin:end])
             begin = end
         if sums is None:
-            roots = np.sqrt(w[rows])
-            centred *= roots
+            if not near:
+                centred *= roots
             first += centred @ roots
             second += centred @ centred.T  # of a matrix and itself, for which BLAS takes less time
         else:
@@ -186,4 +201,6 @@ def _moments(
             sums[:, from_group:to_group] += np.add.reduceat(weighted, places, axis=1)
     first /= total
     cov = second / total - np.outer(first, first)
+    if near and (cov.diagonal() < LOST * first**2).any():
+        return _moments(parts, w, total)
     return origin[:, 0] + first, (cov + cov.T) / 2  # rounding differs across the diagonal
