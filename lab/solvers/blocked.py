@@ -56,7 +56,7 @@ class _Step(NamedTuple):
     path : (n,) array
         Where particles are counted from after the step.
     differing : list of slice
-        The active rows that are not the same for all particles after the step.
+        The active rows that are not the same for all particles after the step, if none are static.
     """
 
     map: Array
@@ -186,7 +186,7 @@ def _steps(laws: Plan) -> list[_Step]:
             path = np.concatenate([moved @ path[:a] + laws.B, path[a:]])
             expected = z - H @ path
             path[:a] += K @ expected
-            differing = to_rows[:, :e].any(axis=1) | (K @ H[:, a:]).any(axis=1) | ((to_rows[:, e:] != 0) @ differing)
+            differing = to_rows[:, :e].any(axis=1) | ((to_rows[:, e:] != 0) @ differing)
             _prepared[laws].append(
                 _Step(
                     np.ascontiguousarray(whole[:, read]),

@@ -109,7 +109,7 @@ class Clones:
     def moments(self, w: Array, totals: Array, differing: Sequence[slice]) -> tuple[Array, Array]:
         """Return means (runs, n) and covariances (runs, n, n) of the particles; weights (runs, P) and sums (runs,).
 
-        Of the active rows those that are not `differing` are 0.
+        If no rows are static, those that are not `differing` are 0.
         """
         runs, P = w.shape
         if P <= FEW:
