@@ -6,6 +6,7 @@ Here
 
     blocks      a step moves, draws and weighs some thousand particles at a time, which stay in the processor's cache
     in place    nobody keeps the cloud of the step before
+    path        particles are counted from where one without noise would be, so that near 0 nothing need be taken off
     genealogy   rows that are static from time 0 on (see `lab.solvers.plan`) are kept once per living ancestor of then;
                 its descendants stay neighbours, so their weights are added by segments
     together    several runs with few particles are one long cloud to all steps but resampling and moments, each with
