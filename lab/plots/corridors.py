@@ -94,7 +94,6 @@ def draw_corridors(
         ax.set_ylabel(name)
         ax.margins(x=0)
         instants_axis(ax, label=ax in axes[-2:])
-    figure.align_ylabels(axes)
     title = "Corridors of the exact filter" if filtered is None else f"Corridors of {label} and of the exact filter"
     title = title if shown == n else f"{title} (first {MOST_LANDMARKS} of {n // 2 - 1} landmarks)"
     figure.suptitle(wrapped(title, 80))
