@@ -20,7 +20,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from lab.fast.arithmetic import SMALLEST
 from lab.fast.block import (
@@ -72,7 +71,7 @@ def expect(
 def build(sources: int) -> Any:
     """Return the compiled run; `sources` becomes part of it, so that what is kept on disk knows of what it was made."""
 
-    @njit(error_model="numpy", nogil=True)
+    @kernel(from_python=True)
     def run(
         n: int,
         state: Any,
@@ -100,7 +99,18 @@ def build(sources: int) -> Any:
         by_block: Array,
         static: Array,
         points: Array,
+        ends: Array,
         counts: Any,
+        tops: Array,
+        rows: Array,
+        weighted: Array,
+        noise: Array,
+        y: Array,
+        scratch: Array,
+        places: Any,
+        second: Array,
+        vectors: Array,
+        wanted: Any,
     ) -> int:
         """Run the filter over all instants and fill the answer: `means` to `survivors`.
 
@@ -134,7 +144,7 @@ def build(sources: int) -> Any:
         scheme : int
             Of `lab.fast.offspring.SCHEMES`.
         means, covs, log_evidence, ess, survivors : (T + 1, d), (T + 1, d, d), (T + 1,), (T + 1,), (T + 1,) array
-        clouds, by_block, static, points, counts : array
+        clouds, ... wanted : array
             Of `lab.fast.room.room`.
 
         Returns
@@ -148,7 +158,7 @@ def build(sources: int) -> Any:
         T, d, a = len(means) - 1, len(m0), len(B)
         blocks = (n + LANES - 1) // LANES
         x, other = clouds[0].reshape((blocks, a, LANES)), clouds[1].reshape((blocks, a, LANES))
-        rows, weights, logs = np.zeros((d, LANES)), by_block[0], by_block[1]
+        weights, logs = by_block[0], by_block[1]
         starts, founders, before, ancestors, kept = counts[0], counts[1], counts[2], counts[3], counts[4]
         active, n_groups, n_founders = a, n, n
         for i in range(n + 1):
@@ -156,13 +166,9 @@ def build(sources: int) -> Any:
         for b in range(blocks):
             for lane in range(LANES):
                 weights[b, lane] = 0.0
-        tops, ends = np.empty(blocks), np.empty(blocks + 1)
-        n_draws = max(spread.shape[2], spread_0.shape[1])
-        noise, y = np.empty((n_draws + 2, LANES)), np.empty((z.shape[1] + 1, LANES))
-        scratch, places = np.empty((n_moving + 1, LANES)), np.empty(LANES, np.uint64)
-        centre, shared, wanted = m0.copy(), np.empty(d), np.empty(d, np.int32)
-        totals, part, weighted = np.zeros(2), np.zeros(d), np.empty((d, LANES))
-        first, second = np.zeros(d), np.zeros((d, d))
+        centre, shared, part, first, totals = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+        for i in range(d):
+            centre[i] = m0[i]
         turning, flat = turns(F, n_moving), other.reshape(-1)
         even = -math.log(n)
         logs[blocks - 1] = -np.inf

@@ -47,16 +47,17 @@ def add_moments(
     """Add what block b contributes to sum w (x - c) and sum w (x - c)(x - c)'."""
     wide()
     n = len(centre)
+    top: Any = np.int64(0)  # to numba, 0 is a type of its own, and what takes it would be compiled again
     dense = groups > DENSE
     n_rows = n if dense else n_active
     if n_rows == 2 and groups == 1:
         point_in_plane(x, b, centre, weights, part, second)
     else:
-        weigh(x[b], centre, weights, b, weighted, 0, n_active, part)
-        products(weighted, x[b], centre, 0, n_active, 0, n_active, second)
+        weigh(x[b], centre, weights, b, weighted, top, n_active, part)
+        products(weighted, x[b], centre, top, n_active, top, n_active, second)
         if dense:
             weigh(rows, centre, weights, b, weighted, n_active, n, part)
-            products(weighted, rows, centre, 0, n_active, n_active, n, second)
+            products(weighted, rows, centre, top, n_active, n_active, n, second)
             products(weighted, rows, centre, n_active, n, n_active, n, second)
     for i in range(n_rows):
         first[i] += part[i]

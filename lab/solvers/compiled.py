@@ -60,7 +60,7 @@ def run(
         *(sizes, laws.z, laws.H, laws.K, laws.spread, laws.constants, laws.extra, laws.draw_first),
         *(ess_threshold, kernels.SCHEMES[resample]),
         *(means, covs, log_evidence, ess, survivors),
-        *kernels.room(n_particles, n, len(laws.B)),
+        *kernels.room(n_particles, n, len(laws.B), laws.z.shape[1], max(laws.spread.shape[2], laws.spread_0.shape[1])),
     )
     if failed:
         raise InputError(f"At k = {failed}: The weights cannot be normalised: every weight is zero, or one is NaN.")
