@@ -1,17 +1,18 @@
-"""A comparison that survives its end: every finished unit is a file, and what is left goes on from there.
+"""A comparison that survives its end: every finished unit is written down, and what is left goes on from there.
 
 Question answered: what remains after Ctrl-C, a kill or a power cut, and how does the work continue?  Beside the result
 that a folder may hold already, `unfinished/` keeps
 
-    config.json               what was asked for, and the versions that compute it
-    LABEL-N-RUN-DATASET.part  one row per finished unit: metrics, and what is kept over time
+    config.json      what was asked for, and the versions that compute it
+    finished.jsonl   one line per finished unit: metrics, and what is kept over time
 
-each written under another name and renamed when it is whole.  A unit's seed depends on nothing but the unit, so the
-result of a comparison that was stopped ten times equals that of one that never was, but for the seconds.
+A line stands behind its checksum, so that one that is half written or damaged counts as none; the next begins a new one
+whatever was there.  A unit's seed depends on nothing but the unit, so the result of a comparison that was stopped ten
+times equals that of one that never was, but for the seconds.
 Called by the command line; in Python, `resumable` goes into the `execute` of `lab.compare.compare`.
 """
 
-import hashlib
+import base64
 import json
 import os
 import shutil
@@ -25,7 +26,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from lab.comparison import Comparison, Record, Unit
 from lab.execution import Execute
@@ -37,7 +37,7 @@ from lab.validation import Array, InputError
 
 FOLDER = "unfinished"
 CONFIG = "config.json"
-CHECKSUM = 4  # bytes
+FINISHED = "finished.jsonl"
 SERIES = ("ess", "survivors")
 MOMENTS = ("means", "covs", "log_evidence")
 NUMERIC_VERSIONS = ("toy-slam-lab", "numpy", "scipy", "filterpy", "numba")  # others change no number
@@ -113,27 +113,39 @@ class Unfinished:
             self.remove()
 
     def finished(self) -> dict[Unit, Record]:
-        """Return the records kept so far; a part that cannot be read is as good as none."""
+        """Return the records kept so far; a line that cannot be read is as good as none."""
         records = {}
-        for part in self._parts():
+        try:
+            lines = (self.folder / FINISHED).read_bytes().split(b"\n")
+        except OSError:
+            return {}
+        for line in lines:
             try:
-                record = _record(_unpacked(part.read_bytes()))
-            except (OSError, ValueError, KeyError, IndexError, TypeError):
+                record = _record(_unpacked(line))
+            except (ValueError, KeyError, TypeError):
                 continue
             records[record.unit] = record
         return records
 
     def keep(self, record: Record) -> None:
-        """Write one record, unless its worker died: that is to be tried again."""
-        if not record.died:
-            with atomic_path(self.folder / _name(record.unit)) as path:
-                path.write_bytes(_packed(_row(record)))
+        """Write one record down, unless its worker died: that is to be tried again.
+
+        Raises
+        ------
+        InputError
+            The file cannot be written to.
+        """
+        if record.died:
+            return
+        path = self.folder / FINISHED
+        try:
+            with open(path, "ab") as file:
+                file.write(b"\n" + _packed(_row(record)))
+        except OSError as error:
+            raise InputError(f"{path} cannot be written: {error.strerror}.") from None
 
     def _unusable(self, error: OSError) -> InputError:
         return InputError(f"The folder {self.folder.parent} cannot be written to: {error.strerror}.")
-
-    def _parts(self) -> list[Path]:
-        return sorted(self.folder.glob("[!.]*.part")) if os.path.isdir(self.folder) else []
 
     def remove(self) -> None:
         """Forget everything, once the result is written or nothing was finished."""
@@ -225,34 +237,26 @@ def _check_same(earlier: dict[str, Any], config: dict[str, Any], folder: Path) -
             raise InputError(f"{folder} was begun with {name} {before}, and this is {now}: the results would not fit.")
 
 
-def _name(unit: Unit) -> str:
-    label = hashlib.sha256(unit.solver.encode()).hexdigest()[:12]  # a label may be no file name
-    return f"{label}-{unit.n_particles}-{unit.run}-{unit.data_set}.part"
-
-
 def _packed(row: dict[str, Any]) -> bytes:
-    """Return a row as an Arrow file behind its checksum: Arrow has none, and may crash on what is damaged."""
-    table, sink = pa.Table.from_pylist([row]), pa.BufferOutputStream()
-    with pa.ipc.new_file(sink, table.schema) as writer:
-        writer.write_table(table)
-    data = sink.getvalue().to_pybytes()
-    return zlib.crc32(data).to_bytes(CHECKSUM, "big") + bytes(data)
+    """Return a row as a line of JSON behind its checksum."""
+    text = json.dumps(row).encode()
+    return b"%08x %s" % (zlib.crc32(text), text)
 
 
-def _unpacked(data: bytes) -> dict[str, Any]:
-    """Return what `_packed` was given; a ValueError when the bytes are not what it returned."""
-    checksum, data = data[:CHECKSUM], data[CHECKSUM:]
-    if zlib.crc32(data).to_bytes(CHECKSUM, "big") != checksum:
+def _unpacked(line: bytes) -> dict[str, Any]:
+    """Return what `_packed` was given; a ValueError when the line is not what it returned."""
+    checksum, _, text = line.partition(b" ")
+    if int(checksum, 16) != zlib.crc32(text):
         raise ValueError("The checksum is wrong.")
-    row: dict[str, Any] = pa.ipc.open_file(pa.py_buffer(data)).read_all().to_pylist()[0]
+    row: dict[str, Any] = json.loads(text)
     return row
 
 
 def _row(record: Record) -> dict[str, Any]:
-    row = {**asdict(record.unit), **asdict(record.metrics), "error": record.error}
-    row |= {name: getattr(record, name) for name in SERIES}
+    row = {**vars(record.unit), **vars(record.metrics), "error": record.error}
+    row |= {name: _written(getattr(record, name)) for name in SERIES}
     kept = record.filtered
-    return row | {name: None if kept is None else np.ravel(getattr(kept, name)) for name in MOMENTS}
+    return row | {name: None if kept is None else _written(getattr(kept, name)) for name in MOMENTS}
 
 
 def _record(row: dict[str, Any]) -> Record:
@@ -262,13 +266,23 @@ def _record(row: dict[str, Any]) -> Record:
     kept = None
     means, covs, log_evidence = (_array(row[name]) for name in MOMENTS)
     if means is not None and covs is not None and log_evidence is not None:
-        shape = (len(log_evidence), len(means) // len(log_evidence))
-        kept = Filtered(means.reshape(shape), covs.reshape(*shape, shape[1]), log_evidence, ess, survivors)
+        kept = Filtered(means, covs, log_evidence, ess, survivors)
     return Record(unit, metrics, ess, survivors, kept, str(row["error"]))
 
 
 _UNIT_TYPES = {"solver": str, "n_particles": int, "run": int, "seed": int, "data_set": int}
 
 
-def _array(value: Any) -> Array | None:
-    return None if value is None else np.asarray(value)
+def _written(values: Array | None) -> list[Any] | None:
+    """Return an array as type, shape and text, to the last digit; None for none."""
+    if values is None:
+        return None
+    values = np.asarray(values)
+    return [values.dtype.str, list(values.shape), base64.b64encode(values.tobytes()).decode()]
+
+
+def _array(written: list[Any] | None) -> Array | None:
+    if written is None:
+        return None
+    type_, shape, text = written
+    return np.frombuffer(base64.b64decode(text), type_).reshape(shape).copy()

@@ -45,7 +45,9 @@ GIVEN = ("compare", "--scenario", "two-landmarks", "--particles", "20", "--runs"
 
 
 def finished(folder):
-    return len([name for name in everything_in(folder) if re.search(r"unfinished/[^.].*\.part$", name)])
+    return sum(
+        text.count(b"\n") for name, text in everything_in(folder).items() if name.endswith("unfinished/finished.jsonl")
+    )
 
 
 def runs_in(folder):
@@ -231,6 +233,6 @@ def test_another_backend_is_refused(here):
     assert config["arguments"]["backend"] == "numpy"
     (here / "result").rename(here / "earlier")
     with Unfinished(here / "result").begun(config):
-        (here / "result" / "unfinished" / "x.part").touch()  # something is finished
+        (here / "result" / "unfinished" / "finished.jsonl").touch()  # something is finished
     call("compare", "--resume", "--backend", "numba", "--out", "result").assert_refused("--backend numpy, not numba")
     assert options.settle_backend("auto", [20]) == "numpy"  # below N = 100 nothing is compiled

@@ -94,36 +94,41 @@ def test_a_comparison_stopped_twice_equals_one_that_never_was(given, whole, unfi
     assert not unfinished.folder.exists()
 
 
-def test_a_damaged_part_is_computed_again_and_a_half_written_one_ignored(given, whole, unfinished):
+def test_damaged_lines_are_computed_again(given, whole, unfinished):
     with unfinished.begun(CONFIG):
         compare(**given, keep_moments=True, execute=resumable(in_this_process, unfinished))
-    parts = sorted(unfinished.folder.glob("*.part"))
-    parts[0].write_bytes(parts[0].read_bytes()[:100])
-    parts[1].write_bytes(b"")
-    parts[2].write_bytes(parts[2].read_bytes()[:400] + bytes(400) + parts[2].read_bytes()[800:])  # a power cut
-    parts[3].rename(parts[3].with_name(f".{parts[3].name}"))
+    file = unfinished.folder / "finished.jsonl"
+    lines = file.read_bytes().split(b"\n")[1:]
+    assert len(lines) == 36
+    lines[0] = lines[0][:100]
+    lines[1] = b""
+    lines[2] = lines[2][:400] + bytes(400) + lines[2][800:]  # a power cut
+    lines[-1] = lines[-1][:-1]  # a kill
+    file.write_bytes(b"\n" + b"\n".join(lines))
+    assert len(unfinished.finished()) == 32
     execute = Counting()
     result = compare(**given, keep_moments=True, execute=resumable(execute, unfinished))
     assert len(execute.units) == 4
     assert_same(result, whole)
+    assert len(unfinished.finished()) == 36  # what follows a half written line is a line of its own
 
 
-def test_a_part_with_a_changed_byte_is_as_good_as_none(given, unfinished):
+def test_a_line_with_a_changed_byte_is_as_good_as_none(given, unfinished):
     with unfinished.begun(CONFIG):
         unfinished.keep(compare(**given | {"runs": 1}).records[0])
-        (part,) = unfinished.folder.glob("*.part")
-        whole = part.read_bytes()
+        file = unfinished.folder / "finished.jsonl"
+        whole = file.read_bytes()
         assert len(unfinished.finished()) == 1
-        for place in range(0, len(whole), 7):
-            part.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
+        for place in range(1, len(whole), 7):
+            file.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
             assert unfinished.finished() == {}
 
 
 def test_what_somebody_else_left_there_is_not_removed(unfinished):
     with unfinished.begun(CONFIG):
-        (unfinished.folder / "sir-20-0-0.parquet").touch()
-    assert [path.name for path in unfinished.folder.glob("sir*")] == ["sir-20-0-0.parquet"]
-    (unfinished.folder / "sir-20-0-0.parquet").unlink()
+        (unfinished.folder / "notes.txt").touch()
+    assert [path.name for path in unfinished.folder.glob("notes*")] == ["notes.txt"]
+    (unfinished.folder / "notes.txt").unlink()
     with unfinished.begun(CONFIG):
         pass
     assert not unfinished.folder.exists()
