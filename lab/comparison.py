@@ -7,7 +7,7 @@ Made by `lab.compare`, kept by `lab.sweep`, drawn by `lab.plots.comparison`.  So
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -84,7 +84,7 @@ class Comparison:
     @cached_property
     def runs(self) -> pd.DataFrame:
         """One row per unit: data_set, solver, n_particles, run, seed, the metrics, and the error if it failed."""
-        rows = [{**asdict(r.unit), **asdict(r.metrics), "error": r.error} for r in self.records]
+        rows = [{**vars(r.unit), **vars(r.metrics), "error": r.error} for r in self.records]
         table = pd.DataFrame(rows)
         return table[["data_set", *table.columns.drop("data_set")]]
 

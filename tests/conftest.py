@@ -54,12 +54,10 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Leave out the figures, which take most of a command's time, where the test is not about them."""
-    from lab.cli import pictures
+    from lab.cli import album, pictures
 
-    here = pictures.execution.here  # in other processes the figures would be real
-    monkeypatch.setattr(
-        pictures, "execution", Mock(here=here, processes=lambda *given, jobs, beside, crew: here(*given))
-    )
+    here = album.execution.here  # in other processes the figures would be real
+    monkeypatch.setattr(album, "execution", Mock(here=here, processes=lambda *given, jobs, beside, crew: here(*given)))
     monkeypatch.setattr(pictures, "new_figure", Mock(return_value=Mock(**{"subplots.return_value": (Mock(), Mock())})))
     monkeypatch.setattr(pictures, "plots", Mock())
     monkeypatch.setattr(pictures, "save_png", lambda figure, path, description: path.write_bytes(PICTURE))

@@ -295,9 +295,9 @@ def test_a_folder_in_the_place_of_a_file(here):
     [
         ("lab.work.Work.__call__", KeyboardInterrupt(), 130),
         ("lab.work.Work.__call__", OSError(28, "No space left on device"), 2),
-        ("lab.cli.pictures.write_comparison", KeyboardInterrupt(), 130),
-        ("lab.cli.pictures.write_comparison", OSError(28, "No space left on device"), 2),
-        ("lab.cli.pictures.write_comparison", ZeroDivisionError("a mistake of ours"), None),
+        ("lab.cli.album.write_comparison", KeyboardInterrupt(), 130),
+        ("lab.cli.album.write_comparison", OSError(28, "No space left on device"), 2),
+        ("lab.cli.album.write_comparison", ZeroDivisionError("a mistake of ours"), None),
     ],
 )
 def test_only_finished_runs_are_left_after_an_error(here, monkeypatch, where, error, status, earlier):

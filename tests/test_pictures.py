@@ -10,7 +10,7 @@ from program import everything_in
 from worlds import experiment, full_scenario, nothing, reference
 
 from lab import theory
-from lab.cli import captions, pictures
+from lab.cli import album, captions
 from lab.compare import compare
 from lab.plots.loop_closure import deviations, loop_closure
 from lab.solvers import kalman, sir
@@ -25,7 +25,7 @@ def written(tmp_path_factory):
     sets = [reference(1), reference(2)]
     result = compare([one.problem for one in sets], {"sir": sir, "bad": failing}, n_particles=[20, 60], runs=3)
     told = []
-    given = pictures.write_comparison(folder, result, sets[0], lambda done, total: told.append((done, total)))
+    given = album.write_comparison(folder, result, sets[0], lambda done, total: told.append((done, total)))
     return folder, result, given, told
 
 
@@ -40,12 +40,12 @@ def test_each_file_is_named_in_order_with_a_title_and_its_words(written):
         assert "nan" not in alt
         with Image.open(folder / file) as image:
             assert image.text["Description"] == alt
-    assert told == [(i, 6) for i in range(1, 7)]
+    assert told == [(i, 10) for i in range(1, 11)]
 
 
 def test_processes_draw_the_same(written, tmp_path):
     folder, result, given, _ = written
-    assert pictures.write_comparison(tmp_path, result, reference(1), lambda done, total: None, jobs=2) == given
+    assert album.write_comparison(tmp_path, result, reference(1), lambda done, total: None, jobs=2) == given
     assert everything_in(tmp_path) == everything_in(folder)
 
 
@@ -120,7 +120,7 @@ def test_corridors_and_map_are_told(written):
 def test_a_loop_that_is_not_closed_has_a_small_figure_that_says_so(tmp_path):
     source = experiment(full_scenario(2, n_steps=4, field_of_view=nothing))
     result = compare(source.problem, {"sir": sir}, n_particles=5, runs=1)
-    given = pictures.write_comparison(tmp_path, result, source, lambda done, total: None)
+    given = album.write_comparison(tmp_path, result, source, lambda done, total: None)
     closure = next(picture for picture in given if picture.file == "loop-closure-sir.png")
     assert "no loop is closed" in closure.alt
     with Image.open(tmp_path / closure.file) as image:

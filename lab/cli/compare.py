@@ -214,10 +214,9 @@ def _write(
     crew: "Crew | None",
 ) -> None:
     """Write tables, figures, data and configuration."""
-    from lab.cli import output, pictures
+    from lab.cli import album, output
     from lab.findings import findings
     from lab.progress import progress_bar
-    from lab.report import write_report
     from lab.sweep import moments_table
 
     comparison.summary().to_csv(folder / "summary.csv", index=False)
@@ -228,8 +227,10 @@ def _write(
     for i, source in enumerate(sources):
         source.save(folder / ("experiment.npz" if len(sources) == 1 else f"experiment-{i}.npz"))
     with progress_bar("drawing", 1) as advance:
-        figures = pictures.write_comparison(
+        figures = album.write_comparison(
             folder, comparison, sources[0], lambda _, total: advance(1 / total), jobs=jobs, crew=crew
         )
+    from lab.report import write_report  # not before: it imports matplotlib
+
     write_report(folder / "report.html", comparison, figures, config, findings(comparison))
     output.write_config(folder, config)
