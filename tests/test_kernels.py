@@ -5,11 +5,13 @@ import pytest
 from test_proposals import PROPOSALS, mixed
 from worlds import WORLDS, reference
 
+from lab.solvers import compiled
 from lab.solvers.plan import PATIENCE, plan
 
 numba = pytest.importorskip("numba", reason="the extra toy-slam-lab[fast] is not installed")
 arithmetic = pytest.importorskip("lab.fast.arithmetic")
 kernels = pytest.importorskip("lab.fast.compiled")
+memory = pytest.importorskip("lab.fast.room")
 
 RNG = np.random.default_rng(5)
 QUARTER = RNG.uniform(-np.pi / 4, np.pi / 4, 200_000)
@@ -64,3 +66,39 @@ def test_no_step_touches_a_static_row(world, name):
         assert not touched[k:, active:].any()
         changes = np.flatnonzero(np.diff(laws.sizes[k : k + PATIENCE, 2]))
         assert len(changes) <= 1  # each time that rows become static costs some steps
+
+
+@pytest.mark.parametrize("sizes", [(1, 2, 2, 0, 0), (1000, 12, 2, 4, 2), (513, 7, 5, 3, 6)])
+def test_the_arrays_of_a_run_begin_with_lines_of_the_cache_and_lie_apart(sizes):
+    n, d, a, p, e = sizes
+    parts, lanes = memory.room(*sizes), memory.LANES
+    blocks = -(-n // lanes)
+    assert [part.shape for part in parts] == [
+        *((2, blocks * lanes * a), (2, blocks, lanes), (d, blocks * lanes + memory.PAD), (n + 1,), (blocks + 1,)),
+        *((memory.COUNTS, n + 1), (blocks,), (d, lanes), (d, lanes), (e + 2, lanes), (p + 1, lanes), (a + 1, lanes)),
+        *((lanes,), (d, d), (5, d), (d,)),
+    ]
+    assert all(part.ctypes.data % 64 == 0 and part.flags.c_contiguous for part in parts)
+    ends = [part.ctypes.data + part.nbytes for part in parts]
+    starts = [part.ctypes.data for part in parts]
+    assert all(end <= start for end, start in zip(ends, starts[1:], strict=False))
+
+
+@pytest.mark.parametrize("world", ["plain", "mixed"])
+@pytest.mark.parametrize("name", PROPOSALS)
+def test_what_the_memory_of_a_run_held_before_changes_nothing(name, world, monkeypatch):
+    given = reference().problem if world == "plain" else mixed()
+    options = {"proposal": PROPOSALS[name], "n_particles": 300, "ess_threshold": 0.5, "resample": "residual"}
+    expected = compiled.run(given, np.random.default_rng(0), **options)
+
+    def used(*sizes):
+        parts = memory.room(*sizes)
+        for i, part in enumerate(parts):
+            if i != 7:
+                part[...] = np.nan if part.dtype == float else 2**30
+        return parts
+
+    monkeypatch.setattr(kernels, "room", used)
+    answer = compiled.run(given, np.random.default_rng(0), **options)
+    for one, other in zip(vars(answer).values(), vars(expected).values(), strict=True):
+        np.testing.assert_array_equal(one, other)
