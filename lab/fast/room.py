@@ -20,7 +20,7 @@ LINE = 64  # bytes of a line of the cache
 
 
 def room(n: int, d: int, a: int, p: int, e: int) -> list[Any]:
-    """Return the last arguments of the compiled run; what they hold does not matter, but for `rows`, which are 0.
+    """Return the last arguments of the compiled run; what they hold does not matter.
 
     Parameters
     ----------
@@ -47,13 +47,11 @@ def room(n: int, d: int, a: int, p: int, e: int) -> list[Any]:
     wanted : (d,) array of int32
     """
     blocks = -(-n // LANES)
-    parts = _cut(
+    return _cut(
         *((2, blocks * LANES * a), (2, blocks, LANES), (d, blocks * LANES + PAD), (n + 1,), (blocks + 1,)),
         *((COUNTS, n + 1, np.int32), (blocks,), (d, LANES), (d, LANES)),
         *((e + 2, LANES), (p + 1, LANES), (a + 1, LANES), (LANES, np.uint64), (d, d), (5, d), (d, np.int32)),
     )
-    parts[7][:] = 0
-    return parts
 
 
 def _cut(*shapes: tuple[Any, ...]) -> list[Any]:
