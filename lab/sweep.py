@@ -4,7 +4,7 @@ Question answered: what remains after Ctrl-C, a kill or a power cut, and how doe
 that a folder may hold already, `unfinished/` keeps
 
     config.json      what was asked for, and the versions that compute it
-    finished.jsonl   one line per finished unit: metrics, and what is kept over time
+    finished.lines   one line per finished unit: metrics, and what is kept over time
 
 A line stands behind its checksum, so that one that is half written or damaged counts as none; the next begins a new one
 whatever was there.  A unit's seed depends on nothing but the unit, so the result of a comparison that was stopped ten
@@ -37,7 +37,7 @@ from lab.validation import Array, InputError
 
 FOLDER = "unfinished"
 CONFIG = "config.json"
-FINISHED = "finished.jsonl"
+FINISHED = "finished.lines"
 SERIES = ("ess", "survivors")
 MOMENTS = ("means", "covs", "log_evidence")
 NUMERIC_VERSIONS = ("toy-slam-lab", "numpy", "scipy", "filterpy", "numba")  # others change no number
@@ -109,7 +109,10 @@ class Unfinished:
             yield
 
     def _remove_unused(self) -> None:
-        if not any(path.name != CONFIG for path in self.folder.glob("[!.]*")):  # what is not ours stays
+        theirs = any(
+            path.name not in (CONFIG, FINISHED) for path in self.folder.glob("[!.]*")
+        )  # what is not ours stays
+        if not theirs and not self.finished():
             self.remove()
 
     def finished(self) -> dict[Unit, Record]:

@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 from test_proposals import PROPOSALS, coupled, cut, lost, mixed
-from worlds import WORLDS, problem
+from worlds import WORLDS, full_scenario, problem
 
 from lab import weights
+from lab.problem import LinearGaussianModel, Problem
 from lab.resampling import RESAMPLERS
 from lab.result import collect
-from lab.solvers import blocked, particle, particle_steps, sir
+from lab.solvers import blocked, kalman, particle, particle_steps, sir
 from lab.solvers.blocked import LONG
 from lab.solvers.clones import FEW, LARGEST, Clones, _moments
+from lab.solvers.plan import plan
 from lab.solvers.proposals import prior
 from lab.solvers.together import FEWEST
 from lab.validation import InputError
@@ -132,3 +134,30 @@ def test_moments_of_few_and_of_many_rows(n, near):
     expected = weights.moments(x, w / w.sum())
     np.testing.assert_allclose(mean, expected[0], rtol=1e-13)
     np.testing.assert_allclose(cov, expected[1], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", PROPOSALS)
+def test_rows_are_counted_from_a_path_only_where_measurements_keep_it_near(name):
+    """What nothing corrects may go anywhere without its particles, which weights hold near the data."""
+    given = problem(full_scenario(3, n_steps=30))
+    laws = plan(given, PROPOSALS[name])
+    steps, loose = blocked._steps(laws), name in ("prior", "rbpf-prior")
+    exact = kalman(given)
+    for k, step in enumerate(steps, start=1):
+        assert (step.path[:2] == 0).all() == loose
+        assert step.shift.any() == loose
+        if not loose:
+            means, stds = exact.means[k, laws.order], exact.stds[k, laws.order]
+            assert (np.abs(step.path - means) <= 30 * stds).all()
+
+
+def test_twin_with_a_motion_that_is_not_stable():
+    world = cut(problem(), 40)
+    model = world.model
+    F = model.F.copy()
+    F[:2, :2] *= 1.3
+    given = Problem(LinearGaussianModel(F, model.B, model.Q, model.m0, model.P0), world.z, world.H, world.R)
+    for proposal in PROPOSALS.values():
+        fast, readable = both(given, proposal, 6, n_particles=1000, ess_threshold=0.5)
+        np.testing.assert_allclose(fast.means, readable.means, rtol=0, atol=1e-6 * np.abs(readable.means).max())
+        np.testing.assert_array_equal(fast.survivors, readable.survivors)

@@ -46,7 +46,7 @@ GIVEN = ("compare", "--scenario", "two-landmarks", "--particles", "20", "--runs"
 
 def finished(folder):
     return sum(
-        text.count(b"\n") for name, text in everything_in(folder).items() if name.endswith("unfinished/finished.jsonl")
+        text.count(b"\n") for name, text in everything_in(folder).items() if name.endswith("unfinished/finished.lines")
     )
 
 
@@ -226,13 +226,16 @@ def test_another_backend_is_refused(here):
     pytest.importorskip("numba", reason="the extra toy-slam-lab[fast] is not installed")
     given = [*GIVEN[:-4], "--particles", "200", "--runs", "2", "--solvers", "sir", "--out", "result"]
     from lab.cli import options
+    from lab.comparison import Record, Unit
+    from lab.metrics import Metrics
     from lab.sweep import Unfinished
 
     assert call(*given, "--backend", "numpy").status == 0
     config = json.loads((here / "result" / "config.json").read_text())
     assert config["arguments"]["backend"] == "numpy"
     (here / "result").rename(here / "earlier")
-    with Unfinished(here / "result").begun(config):
-        (here / "result" / "unfinished" / "finished.jsonl").touch()  # something is finished
+    unfinished = Unfinished(here / "result")
+    with unfinished.begun(config):
+        unfinished.keep(Record(Unit("sir", 200, 0, seed=1), Metrics()))
     call("compare", "--resume", "--backend", "numba", "--out", "result").assert_refused("--backend numpy, not numba")
     assert options.settle_backend("auto", [20]) == "numpy"  # below N = 100 nothing is compiled

@@ -97,7 +97,7 @@ def test_a_comparison_stopped_twice_equals_one_that_never_was(given, whole, unfi
 def test_damaged_lines_are_computed_again(given, whole, unfinished):
     with unfinished.begun(CONFIG):
         compare(**given, keep_moments=True, execute=resumable(in_this_process, unfinished))
-    file = unfinished.folder / "finished.jsonl"
+    file = unfinished.folder / "finished.lines"
     lines = file.read_bytes().split(b"\n")[1:]
     assert len(lines) == 36
     lines[0] = lines[0][:100]
@@ -116,12 +116,21 @@ def test_damaged_lines_are_computed_again(given, whole, unfinished):
 def test_a_line_with_a_changed_byte_is_as_good_as_none(given, unfinished):
     with unfinished.begun(CONFIG):
         unfinished.keep(compare(**given | {"runs": 1}).records[0])
-        file = unfinished.folder / "finished.jsonl"
+        file = unfinished.folder / "finished.lines"
         whole = file.read_bytes()
         assert len(unfinished.finished()) == 1
         for place in range(1, len(whole), 7):
             file.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
             assert unfinished.finished() == {}
+
+
+def test_a_half_written_line_alone_is_removed(given, unfinished):
+    """Of a disk that was full at the first one: the same command is to begin again."""
+    with unfinished.begun(CONFIG):
+        unfinished.keep(compare(**given | {"runs": 1}).records[0])
+        file = unfinished.folder / "finished.lines"
+        file.write_bytes(file.read_bytes()[:50])
+    assert not unfinished.folder.exists()
 
 
 def test_what_somebody_else_left_there_is_not_removed(unfinished):

@@ -7,6 +7,7 @@ Here
     blocks      a step moves, draws and weighs some thousand particles at a time, which stay in the processor's cache
     in place    nobody keeps the cloud of the step before
     path        particles are counted from where one without noise would be, so that near 0 nothing need be taken off
+                (rows that no measurement corrects from 0: weights and an unstable F may take them anywhere)
     genealogy   rows that are static from time 0 on (see `lab.solvers.plan`) are kept once per living ancestor of then;
                 its descendants stay neighbours, so their weights are added by segments
     together    several runs with few particles are one long cloud to all steps but resampling and moments, each with
@@ -46,6 +47,8 @@ class _Step(NamedTuple):
     ----------
     map : (u + p, c) array
         From what is read to the u rows that the step changes, and to y.
+    shift : (u, 1) array
+        What is added to those rows: where no measurement ever corrects them, else 0.
     reads, writes : list of slice
         The c rows of noise and active rows, one above the other; the u active rows.
     expected, of_static : (p, 1), (p, s) array
@@ -57,10 +60,11 @@ class _Step(NamedTuple):
     path : (n,) array
         Where particles are counted from after the step.
     differing : list of slice
-        The active rows that are not the same for all particles after the step, if none are static.
+        The active rows that are not 0 for all particles after the step, if none are static.
     """
 
     map: Array
+    shift: Array
     reads: list[slice]
     writes: list[slice]
     expected: Array
@@ -100,6 +104,7 @@ def run(
     steps, N, n = _steps(laws), problem.n_instants, len(laws.m0)
     means, covs = np.empty((N, runs, n)), np.empty((N, runs, n, n))
     path, differing = laws.m0, _neighbours(np.flatnonzero(laws.spread_0[: len(laws.B)].any(axis=1)))
+    near = not _loose(laws).any()
     log_evidence, ess = np.zeros((N, runs)), np.empty((N, runs))
     survivors: Any = np.empty((N, runs), dtype=np.int64)
     cloud = Clones(laws, P, rngs)
@@ -128,7 +133,7 @@ def run(
             shared += step.constant - increment
             log_evidence[k] = log_evidence[k - 1] + increment
             path, differing = step.path, step.differing
-        means[k], covs[k] = cloud.moments(w, totals, differing)
+        means[k], covs[k] = cloud.moments(w, totals, differing, near=near)
         means[k] += path
         if not np.isfinite(means[k]).all():
             raise InputError("A particle is NaN or infinite.")
@@ -175,6 +180,7 @@ def _steps(laws: Plan) -> list[_Step]:
         a, m, most = len(laws.B), laws.n_moving, laws.spread.shape[2]
         moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
         path, differing = laws.m0, laws.spread_0[:a].any(axis=1)
+        loose = _loose(laws)
         _prepared[laws] = []
         for step, (p, e, _) in enumerate(laws.sizes):
             z, H = laws.z[step, :p] * ROOT_HALF, laws.H[step, :p] * ROOT_HALF
@@ -187,10 +193,13 @@ def _steps(laws: Plan) -> list[_Step]:
             path = np.concatenate([moved @ path[:a] + laws.B, path[a:]])
             expected = z - H @ path
             path[:a] += K @ expected
-            differing = to_rows[:, :e].any(axis=1) | ((to_rows[:, e:] != 0) @ differing)
+            shift = np.where(loose, path[:a], 0.0)
+            path[:a] -= shift
+            differing = to_rows[:, :e].any(axis=1) | ((to_rows[:, e:] != 0) @ differing) | (shift != 0)
             _prepared[laws].append(
                 _Step(
                     np.ascontiguousarray(whole[:, read]),
+                    shift[changed, np.newaxis],
                     _neighbours(most - e + read),  # what is drawn stands last
                     _neighbours(changed),
                     expected[:, np.newaxis],
@@ -205,9 +214,16 @@ def _steps(laws: Plan) -> list[_Step]:
     return _prepared[laws]
 
 
+def _loose(laws: Plan) -> Any:
+    """Return which active rows (a,) are moved or drawn, but never corrected by what is measured."""
+    changes = (np.arange(len(laws.B)) < laws.n_moving) | laws.spread.any(axis=(0, 2))
+    return changes & ~laws.K.any(axis=(0, 2))
+
+
 def _make(step: _Step, cloud: Clones, logs: Array) -> None:
     """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
     u, p, expected = len(step.gain), len(step.expected), step.expected
+    moved = step.shift.any()
     corrected = False  # whether rows change by what the static ones make of y
     if step.of_static.any():
         beyond = cloud.product(step.of_static, cloud.static)
@@ -222,6 +238,8 @@ def _make(step: _Step, cloud: Clones, logs: Array) -> None:
             apart = np.zeros((p, made.shape[1]))
             cloud.add(apart, beyond, rows)
             made[:u] += cloud.product(step.gain, apart)
+        if moved:
+            made[:u] += step.shift
         begin = 0
         for neighbours in step.writes:
             end = begin + neighbours.stop - neighbours.start

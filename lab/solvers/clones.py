@@ -20,7 +20,7 @@ from lab.validation import Array
 FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
 BLOCK = 128_000  # numbers that are worked on at a time: a megabyte, which stays in the cache
 SMALLEST, LARGEST = 1000, 12_000  # particles of a block: calls are not free either
-LOST = 1e-6  # a variance below this part of the squared mean has lost too many digits
+LOST = 1e-4  # a variance below this part of the squared mean has lost too many digits
 PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 
 
@@ -106,10 +106,10 @@ class Clones:
         alive = np.diff(starts, append=len(ends)) > 0
         self.starts, self.static = starts[alive], self.static[:, alive]
 
-    def moments(self, w: Array, totals: Array, differing: Sequence[slice]) -> tuple[Array, Array]:
+    def moments(self, w: Array, totals: Array, differing: Sequence[slice], *, near: bool) -> tuple[Array, Array]:
         """Return means (runs, n) and covariances (runs, n, n) of the particles; weights (runs, P) and sums (runs,).
 
-        If no rows are static, those that are not `differing` are 0.
+        If no rows are static, those that are not `differing` are 0; `near` as `_moments`.
         """
         runs, P = w.shape
         if P <= FEW:
@@ -119,11 +119,11 @@ class Clones:
             x -= means[:, :, np.newaxis]
             x *= np.sqrt(w)[:, np.newaxis]
             return means, x @ x.transpose(0, 2, 1)
-        each = [self._large_moments(w[i], totals[i], slice(i * P, (i + 1) * P), differing) for i in range(runs)]
+        each = [self._large_moments(w[i], totals[i], slice(i * P, (i + 1) * P), differing, near) for i in range(runs)]
         return np.array([mean for mean, _ in each]), np.array([cov for _, cov in each])
 
     def _large_moments(
-        self, w: Array, total: float, particles: slice, differing: Sequence[slice]
+        self, w: Array, total: float, particles: slice, differing: Sequence[slice], near: bool
     ) -> tuple[Array, Array]:
         first, end = (int(place) for place in np.searchsorted(self.starts, (particles.start, particles.stop)))
         starts, static, x = self.starts[first:end] - particles.start, self.static[:, first:end], self.x[:, particles]
@@ -131,7 +131,7 @@ class Clones:
         mean, cov = np.zeros(n), np.zeros((n, n))
         if not len(static):
             rows = np.r_[tuple(differing)]
-            mean[rows], cov[np.ix_(rows, rows)] = _moments([x[part] for part in differing], w, total, near=True)
+            mean[rows], cov[np.ix_(rows, rows)] = _moments([x[part] for part in differing], w, total, near=near)
             return mean, cov
         if len(starts) == len(w):
             return _moments([x, static], w, total)
