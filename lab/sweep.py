@@ -109,10 +109,8 @@ class Unfinished:
             yield
 
     def _remove_unused(self) -> None:
-        theirs = any(
-            path.name not in (CONFIG, FINISHED) for path in self.folder.glob("[!.]*")
-        )  # what is not ours stays
-        if not theirs and not self.finished():
+        others = {path.name for path in self.folder.glob("[!.]*")} - {CONFIG, FINISHED}  # which are not ours, and stay
+        if not others and not self.finished():
             self.remove()
 
     def finished(self) -> dict[Unit, Record]:

@@ -127,7 +127,7 @@ class Clones:
     ) -> tuple[Array, Array]:
         first, end = (int(place) for place in np.searchsorted(self.starts, (particles.start, particles.stop)))
         starts, static, x = self.starts[first:end] - particles.start, self.static[:, first:end], self.x[:, particles]
-        a, n, sums = len(x), len(x) + len(static), np.zeros((len(x), len(starts)))
+        a, n = len(x), len(x) + len(static)
         mean, cov = np.zeros(n), np.zeros((n, n))
         if not len(static):
             rows = np.r_[tuple(differing)]
@@ -135,6 +135,7 @@ class Clones:
             return mean, cov
         if len(starts) == len(w):
             return _moments([x, static], w, total)
+        sums = np.zeros((a, len(starts)))
         mean[:a], cov[:a, :a] = _moments([x], w, total, starts, sums)
         mean[a:], cov[a:, a:] = _moments([static], np.add.reduceat(w, starts), total)
         cov[:a, a:] = sums @ (static - mean[a:, np.newaxis]).T / total
@@ -179,7 +180,8 @@ def _moments(
     n = len(origin)
     first, second, room = np.zeros(n), np.zeros((n, n)), np.empty((n, min(block_size(n), len(w))))
     for rows in blocks(len(w), n):
-        begin, centred, roots = 0, room[:, : rows.stop - rows.start], np.sqrt(w[rows])
+        begin, centred = 0, room[:, : rows.stop - rows.start]
+        roots: Any = np.sqrt(w[rows]) if sums is None else None  # which sums of groups do not need
         for part in parts:
             end = begin + len(part)
             if near:
