@@ -223,7 +223,6 @@ def _loose(laws: Plan) -> Any:
 def _make(step: _Step, cloud: Clones, logs: Array) -> None:
     """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
     u, p, expected = len(step.gain), len(step.expected), step.expected
-    moved = step.shift.any()
     corrected = False  # whether rows change by what the static ones make of y
     if step.of_static.any():
         beyond = cloud.product(step.of_static, cloud.static)
@@ -238,12 +237,10 @@ def _make(step: _Step, cloud: Clones, logs: Array) -> None:
             apart = np.zeros((p, made.shape[1]))
             cloud.add(apart, beyond, rows)
             made[:u] += cloud.product(step.gain, apart)
-        if moved:
-            made[:u] += step.shift
         begin = 0
         for neighbours in step.writes:
             end = begin + neighbours.stop - neighbours.start
-            cloud.x[neighbours, rows] = made[begin:end]
+            np.add(made[begin:end], step.shift[begin:end], out=cloud.x[neighbours, rows])
             begin = end
         y = made[u:]
         cloud.add(y, expected, rows)
