@@ -21,11 +21,12 @@ from lab.execution import Execute
 from lab.metrics import Metrics
 from lab.problem import Problem, require_problem
 from lab.progress import progress_bar
-from lab.solvers import Solver, compiled, kalman
+from lab.solvers import Solver, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
 from lab.solvers.together import in_kernels
 from lab.units import Batch, all_units, batches
 from lab.validation import InputError
+from lab.warming import warm
 from lab.work import Work, threadpools
 
 LONG = 3000  # particles: a compiled run of less spends most of its time in Python
@@ -142,7 +143,7 @@ def _threads(
     """Run long batches in threads, then the others, each of which would wait for Python while another one has it."""
     long = [batch for batch in items if batch[0].n_particles >= LONG]
     if long:
-        compiled.warm()  # before two threads want to
+        warm(jobs)  # before two threads want to
     yield from execution.threads(work, long, lost, jobs=jobs)
     yield from map(work, [batch for batch in items if batch[0].n_particles < LONG])
 

@@ -18,7 +18,7 @@ from scipy.stats import ks_2samp, kstest
 from test_proposals import PROPOSALS, coupled, cut, lost, mixed
 from worlds import WORLDS, everything, full_scenario, problem, reference
 
-from lab import execution
+from lab import execution, warming
 from lab.compare import LONG, compare, way_to_run
 from lab.problem import Problem
 from lab.solvers import compiled, guided, kalman, particle_steps, rbpf, sir, sis
@@ -273,14 +273,41 @@ def test_no_folder_for_kernels_is_told_of():
     assert done.stdout.split()[-1] == "False"
 
 
-def test_changed_sources_are_compiled_anew(tmp_path):
-    """What is kept on disk names the hash of all sources of the package, not only of the file that is compiled."""
+def test_two_processes_compile_what_was_never_used_or_was_changed(tmp_path):
+    """The parts of the loop are kept by the other process, and found; what is kept names the hash of all sources."""
     shutil.copytree(ROOT / "lab", tmp_path / "lab", ignore=shutil.ignore_patterns("__pycache__"))
-    code = "from lab.fast.compiled import run; print(run.py_func.__closure__[0].cell_contents)"
-    seen = []
-    for _ in range(2):
-        done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-        seen.append(done.stdout)
-        with (tmp_path / "lab" / "fast" / "arithmetic.py").open("a") as file:
-            file.write("# changed\n")
-    assert seen[0] != seen[1]
+    code = (
+        "from lab.fast import compiled as kernels\n"
+        "from lab.solvers import compiled\n"
+        "from lab.warming import warm\n"
+        "before = compiled.is_cold()\n"
+        "if {wanted}:\n"
+        "    warm(2)\n"
+        "    print(before, compiled.is_cold(), *(part.cache_hits for part in map(kernels._made, kernels.PARTS)))\n"
+        "else:\n"
+        "    print(before)"
+    )
+
+    def said(*, wanted=True):
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels"), "PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, "-c", code.format(wanted=wanted)]
+        return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
+
+    assert said().split() == ["True", "False", *"11111"]
+    assert said().split() == ["False", "False", *"11111"]
+    with (tmp_path / "lab" / "fast" / "arithmetic.py").open("a") as file:
+        file.write("# changed\n")
+    assert said(wanted=False).split() == ["True"]
+
+
+def test_parts_that_another_process_could_not_compile_are_compiled_here(monkeypatch):
+    called = []
+    monkeypatch.setattr(compiled, "is_cold", lambda: True)
+    monkeypatch.setattr(compiled, "compile_loop", lambda: called.append("loop"))
+    monkeypatch.setattr(compiled, "warm", lambda: called.append("warm"))
+    for end in (lambda _: os._exit(1), lambda _: 1 / 0):
+        monkeypatch.setattr(warming, "_compile_parts", end)
+        warming.warm(2)
+    assert called == ["loop", "warm"] * 2
+    warming.warm(1)  # nobody else is to work
+    assert called == ["loop", "warm"] * 2 + ["warm"]

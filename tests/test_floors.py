@@ -40,6 +40,7 @@ FLOORS = {
     "lab.work": 4,
     "lab.workers": 4,
     "lab.progress": 4,
+    "lab.warming": 4,
     "lab.consistency": 4,
     "lab.plots": 4,
     "lab.cli": 5,
@@ -62,10 +63,13 @@ SIDEWAYS = {
     "lab.problem": {"lab.records"},  # Experiment.load and save
     "lab.sparse": {"lab.problem"},  # the same, with matrices
     "lab.simulation": {"lab.problem", "lab.sparse"},
-    "lab.compare": {"lab.comparison", "lab.execution", "lab.metrics", "lab.progress", "lab.units", "lab.work"},
+    "lab.compare": {
+        *("lab.comparison", "lab.execution", "lab.metrics", "lab.progress", "lab.units", "lab.warming", "lab.work"),
+    },
     "lab.units": {"lab.comparison"},
     "lab.work": {"lab.comparison", "lab.metrics", "lab.units"},
     "lab.execution": {"lab.workers"},
+    "lab.warming": {"lab.workers"},
     "lab.cluster": {"lab.execution"},
     "lab.comparison": {"lab.metrics"},
     "lab.plots": {"lab.comparison"},  # a result

@@ -9,7 +9,8 @@ out: nothing here knows of robots.
     genealogy    rows kept once per ancestor  offspring   resampling
     moments      sums over a block            sums        mean and covariance of them
     room         the memory of a run          loop        a whole run
-    compiled     the run as a function kept on disk
+    parts        what the loop calls by address, compiled by itself
+    compiled     the run and its parts as functions kept on disk
 """
 
 import warnings

@@ -1,31 +1,77 @@
-"""The compiled loop as a function: built at the first import, kept on disk where a folder can be written to.
+"""The compiled loop as a function: built at its first call, kept on disk where a folder can be written to.
 
 Question answered: when must kernels be compiled anew?  numba keeps machine code beside the source (in `__pycache__`, or
 in the user's cache folder, or where NUMBA_CACHE_DIR says) and looks at the time of one file alone.  So the hash of all
-sources of the package goes into the function as a constant: with any of them changed it is another function.
-Where no folder can be written to, every process compiles for itself, in a quarter of a minute or more.
+sources of the package, and of numba's version, is in the name under which a function is kept: with any of them changed
+it is another function.  Where no folder can be written to, every process compiles for itself, in a quarter of a minute
+or more.
 Imported by `lab.fast.load` only, since it imports numba.
 """
 
 import hashlib
+from functools import cache
 from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numba
 
 from lab.fast import loop
+from lab.fast.kernel import kernel
 from lab.fast.normals import normals, seed, uniforms
 from lab.fast.offspring import SCHEMES
+from lab.fast.parts import PARTS, Part
 from lab.fast.room import room
 
-__all__ = ["KEPT", "SCHEMES", "normals", "room", "run", "seed", "uniforms"]
+__all__ = ["KEPT", "SCHEMES", "compile_loop", "compile_parts", "is_cold", "normals", "room", "run", "seed", "uniforms"]
 
 
-def _fingerprint() -> int:
+def _fingerprint() -> str:
     files = sorted(Path(__file__).parent.glob("*.py"))
-    return int.from_bytes(hashlib.sha256(b"".join(file.read_bytes() for file in files)).digest()[:6], "big")
+    contents = [file.read_bytes() for file in files]
+    return hashlib.sha256(b"".join([*contents, numba.__version__.encode()])).hexdigest()[:12]
 
 
-run = loop.build(_fingerprint())
+FINGERPRINT = _fingerprint()
+
+
+def _kept(function: Any) -> Any:
+    """Return a function under a name that says from which sources it is made: what is kept on disk is kept by name."""
+    same = FunctionType(function.__code__, function.__globals__, function.__name__)
+    same.__qualname__ = f"{function.__name__}_{FINGERPRINT}"
+    return same
+
+
+_run = kernel(from_python=True)(_kept(loop.run))
 try:
-    run.enable_caching()
+    _run.enable_caching()
     KEPT = True
 except RuntimeError:  # no folder can be written to
     KEPT = False
+
+
+def run(*arguments: Any) -> int:
+    """Run a filter: `lab.fast.loop.run` without the addresses."""
+    return _run(*(_made(part).address for part in PARTS), *arguments)  # type: ignore[no-any-return]
+
+
+@cache
+def _made(part: Part) -> Any:
+    """Return the C function of a part, from disk where it is kept there."""
+    return numba.cfunc(part.signature, cache=KEPT, **part.kernel.targetoptions)(_kept(part.kernel.py_func))
+
+
+def is_cold() -> bool:
+    """Whether anything is yet to be compiled for the folder in which machine code is kept."""
+    return KEPT and len(list(Path(_run.stats.cache_path).glob(f"*_{FINGERPRINT}-*.nbi"))) <= len(PARTS)
+
+
+def compile_loop(*arguments: Any) -> None:
+    """Compile the loop, but not its parts, for arguments of these types."""
+    _run.compile((numba.int64,) * len(PARTS) + tuple(map(numba.typeof, arguments)))
+
+
+def compile_parts() -> None:
+    """Compile what `compile_loop` does not."""
+    for part in PARTS:
+        _made(part)

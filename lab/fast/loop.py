@@ -32,20 +32,22 @@ from lab.fast.block import (
     largest_of,
     move,
     turns,
-    weigh_by_measurement,
     weigh_point,
     weights_of,
 )
-from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup, retire
+from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup
 from lab.fast.kernel import kernel, wide
-from lab.fast.normals import LANES, normals
-from lab.fast.offspring import resample
-from lab.fast.sums import DENSE, add_moments, clear, finish, rescale
+from lab.fast.normals import LANES
+from lab.fast.parts import ADD_MOMENTS, NORMALS, RESAMPLE, RETIRE, WEIGH
+from lab.fast.sums import DENSE, clear, finish, rescale
 from lab.validation import Array
 
 COLLAPSED = 2.0  # an ESS below it: the mean goes where single particles go, so that none is expected
 FAINT = 52.0  # a million weights so far below that of the second heaviest block change no digit: exp(-52) = 3e-23
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
+
+resample, retire = RESAMPLE.at, RETIRE.at
+add_moments, weigh, normals = ADD_MOMENTS.at, WEIGH.at, NORMALS.at
 
 
 @kernel()
@@ -68,219 +70,218 @@ def expect(
             centre[i] += K[i, r] * y[r, 0]
 
 
-def build(sources: int) -> Any:
-    """Return the compiled run; `sources` becomes part of it, so that what is kept on disk knows of what it was made."""
+def run(
+    resample_at: int,
+    add_moments_at: int,
+    weigh_at: int,
+    normals_at: int,
+    retire_at: int,
+    n: int,
+    state: Any,
+    m0: Array,
+    spread_0: Array,
+    F: Array,
+    B: Array,
+    n_moving: int,
+    sizes: Any,
+    z: Array,
+    H: Array,
+    K: Array,
+    spread: Array,
+    constants: Array,
+    extra: Array,
+    draw_first: bool,
+    threshold: float,
+    scheme: int,
+    means: Array,
+    covs: Array,
+    log_evidence: Array,
+    ess: Array,
+    survivors: Any,
+    clouds: Array,
+    by_block: Array,
+    static: Array,
+    points: Array,
+    ends: Array,
+    counts: Any,
+    tops: Array,
+    rows: Array,
+    weighted: Array,
+    noise: Array,
+    y: Array,
+    scratch: Array,
+    places: Any,
+    second: Array,
+    vectors: Array,
+    wanted: Any,
+) -> int:
+    """Run the filter over all instants and fill the answer: `means` to `survivors`.
 
-    @kernel(from_python=True)
-    def run(
-        n: int,
-        state: Any,
-        m0: Array,
-        spread_0: Array,
-        F: Array,
-        B: Array,
-        n_moving: int,
-        sizes: Any,
-        z: Array,
-        H: Array,
-        K: Array,
-        spread: Array,
-        constants: Array,
-        extra: Array,
-        draw_first: bool,
-        threshold: float,
-        scheme: int,
-        means: Array,
-        covs: Array,
-        log_evidence: Array,
-        ess: Array,
-        survivors: Any,
-        clouds: Array,
-        by_block: Array,
-        static: Array,
-        points: Array,
-        ends: Array,
-        counts: Any,
-        tops: Array,
-        rows: Array,
-        weighted: Array,
-        noise: Array,
-        y: Array,
-        scratch: Array,
-        places: Any,
-        second: Array,
-        vectors: Array,
-        wanted: Any,
-    ) -> int:
-        """Run the filter over all instants and fill the answer: `means` to `survivors`.
+    Rows of the state are ordered: those that F moves, then the others, those first that are touched for longest.
 
-        Rows of the state are ordered: those that F moves, then the others, those first that are touched for longest.
+    Parameters
+    ----------
+    resample_at, ... retire_at : int
+        Where `lab.fast.parts` are.
+    n : int
+        N particles.
+    state : (4, LANES) array of uint64
+        Of the random stream; is advanced.
+    m0, spread_0 : (d,), (d, e) array
+        The particles of time 0 are m0 + spread_0 (e normals).
+    F, B : (a, a), (a,) array
+        The map of the active rows.
+    n_moving : int
+        How many rows it moves.
+    sizes : (T, 3) array of int
+        Of each step: measured components p, normals drawn e, rows not taken as static yet, at most a.
+    z, H, K : (T, p), (T, p, d), (T, a, p) array
+        Whitened; rows and columns beyond `sizes` are not read.
+    spread : (T, a, e) array
+    constants : (T,) array
+        The logarithm of the density's constant.
+    extra : (T + 1, d, d) array
+        The covariance that every particle has of its own.
+    draw_first : bool
+        Whether the draw comes before the measurement.
+    threshold : float
+        Resample when ESS <= threshold * N.
+    scheme : int
+        Of `lab.fast.offspring.SCHEMES`.
+    means, covs, log_evidence, ess, survivors : (T + 1, d), (T + 1, d, d), (T + 1,), (T + 1,), (T + 1,) array
+    clouds, ... wanted : array
+        Of `lab.fast.room.room`.
 
-        Parameters
-        ----------
-        n : int
-            N particles.
-        state : (4, LANES) array of uint64
-            Of the random stream; is advanced.
-        m0, spread_0 : (d,), (d, e) array
-            The particles of time 0 are m0 + spread_0 (e normals).
-        F, B : (a, a), (a,) array
-            The map of the active rows.
-        n_moving : int
-            How many rows it moves.
-        sizes : (T, 3) array of int
-            Of each step: measured components p, normals drawn e, rows not taken as static yet, at most a.
-        z, H, K : (T, p), (T, p, d), (T, a, p) array
-            Whitened; rows and columns beyond `sizes` are not read.
-        spread : (T, a, e) array
-        constants : (T,) array
-            The logarithm of the density's constant.
-        extra : (T + 1, d, d) array
-            The covariance that every particle has of its own.
-        draw_first : bool
-            Whether the draw comes before the measurement.
-        threshold : float
-            Resample when ESS <= threshold * N.
-        scheme : int
-            Of `lab.fast.offspring.SCHEMES`.
-        means, covs, log_evidence, ess, survivors : (T + 1, d), (T + 1, d, d), (T + 1,), (T + 1,), (T + 1,) array
-        clouds, ... wanted : array
-            Of `lab.fast.room.room`.
+    Returns
+    -------
+    int
+        0, or the first instant at which the weights sum to nothing or a log-weight is no number.
+    """
+    wide()
+    T, d, a = len(means) - 1, len(m0), len(B)
+    blocks = (n + LANES - 1) // LANES
+    x, other = clouds[0].reshape((blocks, a, LANES)), clouds[1].reshape((blocks, a, LANES))
+    weights, logs = by_block[0], by_block[1]
+    starts, founders, before, ancestors, kept = counts[0], counts[1], counts[2], counts[3], counts[4]
+    active, n_groups, n_founders = a, n, n
+    for i in range(n + 1):
+        starts[i] = founders[i] = i
+    for b in range(blocks):
+        for lane in range(LANES):
+            weights[b, lane] = 0.0
+    centre, shared, part, first, totals = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+    for i in range(d):
+        centre[i] = m0[i]
+    turning, flat = turns(F, n_moving), other.reshape(-1)
+    even = -math.log(n)
+    logs[blocks - 1] = -np.inf
+    fill_even(logs, n, even)
+    largest, log_total = -np.inf, 0.0
 
-        Returns
-        -------
-        int
-            0, or the first instant at which the weights sum to nothing or a log-weight is no number.
-        """
-        wide()
-        if sources < 0:  # never
-            return -1
-        T, d, a = len(means) - 1, len(m0), len(B)
-        blocks = (n + LANES - 1) // LANES
-        x, other = clouds[0].reshape((blocks, a, LANES)), clouds[1].reshape((blocks, a, LANES))
-        weights, logs = by_block[0], by_block[1]
-        starts, founders, before, ancestors, kept = counts[0], counts[1], counts[2], counts[3], counts[4]
-        active, n_groups, n_founders = a, n, n
-        for i in range(n + 1):
-            starts[i] = founders[i] = i
-        for b in range(blocks):
-            for lane in range(LANES):
-                weights[b, lane] = 0.0
-        centre, shared, part, first, totals = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
-        for i in range(d):
-            centre[i] = m0[i]
-        turning, flat = turns(F, n_moving), other.reshape(-1)
-        even = -math.log(n)
-        logs[blocks - 1] = -np.inf
-        fill_even(logs, n, even)
-        largest, log_total = -np.inf, 0.0
-
-        for k in range(T + 1):
-            step = max(k - 1, 0)
-            p, e = (sizes[step, 0], sizes[step, 1]) if k else (0, spread_0.shape[1])
-            z_k, H_k, K_k, mean_k, cov_k = z[step], H[step], K[step], means[k], covs[k]
-            spread_k = spread[step] if k else spread_0
-            resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
-            collapsed = k > 0 and ess[k - 1] < COLLAPSED
-            if k and sizes[step, 2] < active:
-                active = sizes[step, 2]
-                size = blocks * active * LANES
-                flat = x.reshape(-1)[:size]
-                other = other.reshape(-1)[:size].reshape((blocks, active, LANES))
-                retire(x, other, static, starts, n_groups, n)
-                x, other, n_groups = other, flat.reshape((blocks, active, LANES)), n
-            if resampled:
-                resample(scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)
-                n_founders = regroup(founders, n_founders, before, n, kept)
-                if active < d:
-                    n_groups = regroup(starts, n_groups, before, n, kept)
-                    keep(static, active, kept, n_groups)
-                fill_even(logs, n, even)
-                log_total = 0.0
-                x, other = other, x
-                flat = other.reshape(-1)
-            if k:
-                expect(means[k - 1], F, B, n_moving, z_k, H_k, K_k, p, centre, y)
-            for j in range(active, d):
-                wanted[j] = 0
-                for r in range(p):
-                    wanted[j] |= H_k[r, j] != 0.0
-            drawn_first = draw_first or k == 0
-            bare = k > 0 and p > 0 and active == 2  # no row needs y
-            for i in range(active):
-                for r in range(p):
-                    bare &= K_k[i, r] == 0.0
-            largest, second_largest, least, heaviest = -np.inf, -np.inf, SMALLEST, 0
-            for attempt in range(3):
-                clear(totals, first, second)
-                group: Any = np.int64(0)  # to numba, 0 is a type of its own, and what takes it would be compiled twice
-                for b in range(blocks):
-                    groups = count_groups(starts, n_groups, group, b) if active < d else 1
-                    point = bare and groups == 1
-                    # a block whose weights are next to nothing adds nothing
-                    summed = not collapsed if attempt == 0 else tops[b] - largest > least
-                    if attempt == 0:
-                        normals(state, noise, e)
-                        if k == 0:
-                            fill_mean(x, m0, b)
-                            draw_static(static, m0, spread_0, noise, b, active)
-                        elif resampled:
-                            fetch(x, flat, ancestors, b, n, active, places)
-                    for j in range(active, d):
-                        if (groups > DENSE and summed) or (wanted[j] > 0 and attempt == 0 and not point):
-                            lay_out(rows, static, starts, n_groups, group, groups, b, j)
-                    if attempt == 0:
-                        if k:
-                            move(x, F, B, b, n_moving, active, turning, scratch)
-                        if drawn_first:
+    for k in range(T + 1):
+        step = max(k - 1, 0)
+        p, e = (sizes[step, 0], sizes[step, 1]) if k else (0, spread_0.shape[1])
+        z_k, H_k, K_k, mean_k, cov_k = z[step], H[step], K[step], means[k], covs[k]
+        spread_k = spread[step] if k else spread_0
+        resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
+        collapsed = k > 0 and ess[k - 1] < COLLAPSED
+        if k and sizes[step, 2] < active:
+            active = sizes[step, 2]
+            size = blocks * active * LANES
+            flat = x.reshape(-1)[:size]
+            other = other.reshape(-1)[:size].reshape((blocks, active, LANES))
+            retire(retire_at, x, other, static, starts, n_groups, n)
+            x, other, n_groups = other, flat.reshape((blocks, active, LANES)), n
+        if resampled:
+            resample(resample_at, scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)
+            n_founders = regroup(founders, n_founders, before, n, kept)
+            if active < d:
+                n_groups = regroup(starts, n_groups, before, n, kept)
+                keep(static, active, kept, n_groups)
+            fill_even(logs, n, even)
+            log_total = 0.0
+            x, other = other, x
+            flat = other.reshape(-1)
+        if k:
+            expect(means[k - 1], F, B, n_moving, z_k, H_k, K_k, p, centre, y)
+        for j in range(active, d):
+            wanted[j] = 0
+            for r in range(p):
+                wanted[j] |= H_k[r, j] != 0.0
+        drawn_first = draw_first or k == 0
+        bare = k > 0 and p > 0 and active == 2  # no row needs y
+        for i in range(active):
+            for r in range(p):
+                bare &= K_k[i, r] == 0.0
+        largest, second_largest, least, heaviest = -np.inf, -np.inf, SMALLEST, 0
+        for attempt in range(3):
+            clear(totals, first, second)
+            group: Any = np.int64(0)  # to numba, 0 is a type of its own, and what takes it would be compiled twice
+            for b in range(blocks):
+                groups = count_groups(starts, n_groups, group, b) if active < d else 1
+                point = bare and groups == 1
+                # a block whose weights are next to nothing adds nothing
+                summed = not collapsed if attempt == 0 else tops[b] - largest > least
+                if attempt == 0:
+                    normals(normals_at, state, noise, e)
+                    if k == 0:
+                        fill_mean(x, m0, b)
+                        draw_static(static, m0, spread_0, noise, b, active)
+                    elif resampled:
+                        fetch(x, flat, ancestors, b, n, active, places)
+                for j in range(active, d):
+                    if (groups > DENSE and summed) or (wanted[j] > 0 and attempt == 0 and not point):
+                        lay_out(rows, static, starts, n_groups, group, groups, b, j)
+                if attempt == 0:
+                    if k:
+                        move(x, F, B, b, n_moving, active, turning, scratch)
+                    if drawn_first:
+                        add_rows(x, spread_k, noise, b, active, e)
+                    if point:
+                        weigh_point(x, static, group, z_k, H_k, b, p, constants[step] - log_total, logs)
+                    elif k:
+                        weigh(weigh_at, x, rows, z_k, H_k, b, p, active, y, constants[step] - log_total, logs)
+                    if not (drawn_first or point) and p == e == 2:
+                        correct_and_draw(x, K_k, y, spread_k, noise, b, active)
+                    else:
+                        if not point:
+                            add_rows(x, K_k, y, b, active, p)
+                        if not drawn_first:
                             add_rows(x, spread_k, noise, b, active, e)
-                        if point:
-                            weigh_point(x, static, group, z_k, H_k, b, p, constants[step] - log_total, logs)
-                        elif k:
-                            weigh_by_measurement(x, rows, z_k, H_k, b, p, active, y, constants[step] - log_total, logs)
-                        if not (drawn_first or point) and p == e == 2:
-                            correct_and_draw(x, K_k, y, spread_k, noise, b, active)
-                        else:
-                            if not point:
-                                add_rows(x, K_k, y, b, active, p)
-                            if not drawn_first:
-                                add_rows(x, spread_k, noise, b, active, e)
-                        tops[b] = top = largest_of(logs, b)
-                        if top > largest:
-                            if not collapsed:
-                                rescale(math.exp(largest - top), totals, first, second)
-                            second_largest = largest
-                            largest, heaviest = top, b
-                        elif top > second_largest:
-                            second_largest = top
-                    if attempt > 0:
-                        tops[b] = -np.inf
-                    if summed and largest > -np.inf:
-                        tops[b] = largest
-                        total = weights_of(logs, b, largest, weights, totals)
-                        add_moments(
-                            x, rows, weights, total, static, starts, n_groups, group, groups, b, centre, active,
-                            weighted, shared, part, first, second,
-                        )  # fmt: skip
-                    group = next_group(starts, n_groups, group, groups, b) if active < d else 0
-                if attempt == 0 and collapsed:
-                    least = max(least, second_largest - largest - FAINT)
-                    # what weighs anything is near this one, and further from where the mean was expected
-                    for lane in range(LANES):
-                        if logs[heaviest, lane] == largest:
-                            for i in range(active):
-                                centre[i] = x[heaviest, i, lane]
-                    continue
-                if not 0.0 < totals[0] < np.inf:
-                    return k
-                if not finish(centre, totals[0], first, second, extra[k], mean_k, cov_k):
-                    break
-                for i in range(d):
-                    centre[i] = mean_k[i]
-            log_total = largest + math.log(totals[0])
-            log_evidence[k] = log_evidence[k - 1] + log_total if k else 0.0
-            ess[k] = totals[0] * totals[0] / totals[1]
-            survivors[k] = n_founders
-        return 0
-
-    return run
+                    tops[b] = top = largest_of(logs, b)
+                    if top > largest:
+                        if not collapsed:
+                            rescale(math.exp(largest - top), totals, first, second)
+                        second_largest = largest
+                        largest, heaviest = top, b
+                    elif top > second_largest:
+                        second_largest = top
+                if attempt > 0:
+                    tops[b] = -np.inf
+                if summed and largest > -np.inf:
+                    tops[b] = largest
+                    total = weights_of(logs, b, largest, weights, totals)
+                    add_moments(
+                        add_moments_at, x, rows, weights, total, static, starts, n_groups, group, groups, b, centre,
+                        active, weighted, shared, part, first, second,
+                    )  # fmt: skip
+                group = next_group(starts, n_groups, group, groups, b) if active < d else 0
+            if attempt == 0 and collapsed:
+                least = max(least, second_largest - largest - FAINT)
+                # what weighs anything is near this one, and further from where the mean was expected
+                for lane in range(LANES):
+                    if logs[heaviest, lane] == largest:
+                        for i in range(active):
+                            centre[i] = x[heaviest, i, lane]
+                continue
+            if not 0.0 < totals[0] < np.inf:
+                return k
+            if not finish(centre, totals[0], first, second, extra[k], mean_k, cov_k):
+                break
+            for i in range(d):
+                centre[i] = mean_k[i]
+        log_total = largest + math.log(totals[0])
+        log_evidence[k] = log_evidence[k - 1] + log_total if k else 0.0
+        ess[k] = totals[0] * totals[0] / totals[1]
+        survivors[k] = n_founders
+    return 0

@@ -16,15 +16,32 @@ from lab.solvers.plan import plan
 from lab.solvers.proposals import GaussianProposal, prior
 from lab.validation import InputError
 
+LEAST: dict[str, Any] = {"proposal": prior, "n_particles": 1, "ess_threshold": 0.0, "resample": "systematic"}
+
+
+def is_cold() -> bool:
+    """Whether a first run would have to compile the loop for this machine."""
+    kernels = fast.load()
+    return kernels is not None and kernels.is_cold()
+
 
 @cache
 def warm() -> None:
     """Load the kernels, compiling them where they were never used: what the first run would wait for."""
+    run(_nothing(), np.random.default_rng(0), **LEAST)
+
+
+def compile_loop() -> None:
+    """Do of `warm` what does not need the parts of the loop, which another process may be compiling."""
+    kernels: Any = fast.load()
+    arguments, _ = _arguments(kernels, _nothing(), np.random.default_rng(0), **LEAST)
+    kernels.compile_loop(*arguments)
+
+
+def _nothing() -> Problem:
+    """Return two instants at which nothing is seen."""
     model = LinearGaussianModel(np.eye(4), np.zeros(4), np.eye(4), np.zeros(4), np.eye(4))
-    nothing = np.full((2, 2), np.nan)
-    problem = Problem(model, nothing, np.full((2, 2, 4), np.nan), np.full((2, 2, 2), np.nan))
-    settings: dict[str, Any] = {"n_particles": 1, "ess_threshold": 0.0, "resample": "systematic"}
-    run(problem, np.random.default_rng(0), proposal=prior, **settings)
+    return Problem(model, np.full((2, 2), np.nan), np.full((2, 2, 4), np.nan), np.full((2, 2, 2), np.nan))
 
 
 def run(
@@ -44,27 +61,40 @@ def run(
         Every weight is zero at some k, which is named, or a particle is not finite.
     """
     kernels: Any = fast.load()
+    settings = proposal, n_particles, ess_threshold, resample
+    arguments, (means, covs, *others) = _arguments(kernels, problem, rng, *settings)
+    failed = kernels.run(*arguments)
+    if failed:
+        raise InputError(f"At k = {failed}: The weights cannot be normalised: every weight is zero, or one is NaN.")
+    if not np.isfinite(means).all():
+        raise InputError("A particle is NaN or infinite.")
+    back = np.argsort(plan(problem, proposal).order)
+    return Filtered(means[:, back], covs[:, back][:, :, back], *others)
+
+
+def _arguments(
+    kernels: Any,
+    problem: Problem,
+    rng: np.random.Generator,
+    proposal: GaussianProposal,
+    n_particles: int,
+    ess_threshold: float,
+    resample: str,
+) -> tuple[list[Any], list[Any]]:
+    """Return the arguments of the compiled loop, and those of them which are room for the answer."""
     laws = plan(problem, proposal)
     N, n = problem.n_instants, len(laws.m0)
     sizes = laws.sizes
     if ess_threshold == 0:  # all have descendants: nothing is gained by genealogies that begin later
         sizes = sizes.copy()
         sizes[:, 2] = len(laws.B)
-    means, covs = np.empty((N, n)), np.empty((N, n, n))
-    log_evidence, ess = np.empty(N), np.empty(N)
-    survivors: Any = np.empty(N, dtype=np.int64)
-    failed = kernels.run(
-        n_particles,
-        kernels.seed(rng),
+    answer = [np.empty((N, n)), np.empty((N, n, n)), np.empty(N), np.empty(N), np.empty(N, dtype=np.int64)]
+    given = [
+        *(n_particles, kernels.seed(rng)),
         *(laws.m0, laws.spread_0, laws.F, laws.B, laws.n_moving),
         *(sizes, laws.z, laws.H, laws.K, laws.spread, laws.constants, laws.extra, laws.draw_first),
         *(ess_threshold, kernels.SCHEMES[resample]),
-        *(means, covs, log_evidence, ess, survivors),
-        *kernels.room(n_particles, n, len(laws.B), laws.z.shape[1], max(laws.spread.shape[2], laws.spread_0.shape[1])),
-    )
-    if failed:
-        raise InputError(f"At k = {failed}: The weights cannot be normalised: every weight is zero, or one is NaN.")
-    if not np.isfinite(means).all():
-        raise InputError("A particle is NaN or infinite.")
-    back = np.argsort(laws.order)
-    return Filtered(means[:, back], covs[:, back][:, :, back], log_evidence, ess, survivors)
+    ]
+    drawn = max(laws.spread.shape[2], laws.spread_0.shape[1])
+    room = kernels.room(n_particles, n, len(laws.B), laws.z.shape[1], drawn)
+    return [*given, *answer, *room], answer
