@@ -15,7 +15,7 @@ from numba import float64, int32, int64, uint64, void
 from numba.core.types import StarArgTuple
 from numba.extending import intrinsic
 
-from lab.fast import block, genealogy, normals, offspring, sums
+from lab.fast import block, normals, offspring, sums
 
 ROW, ROWS, BLOCKS = float64[::1], float64[:, ::1], float64[:, :, ::1]
 PLACES, STATE = int32[::1], uint64[:, ::1]
@@ -68,5 +68,4 @@ WEIGH = Part(
     *(BLOCKS, ROWS, ROW, ROWS, int64, int64, int64, ROWS, float64, ROWS),
 )
 NORMALS = Part(normals.normals, STATE, ROWS, int64)
-RETIRE = Part(genealogy.retire, BLOCKS, BLOCKS, ROWS, PLACES, int64, int64)
-PARTS = (RESAMPLE, ADD_MOMENTS, WEIGH, NORMALS, RETIRE)  # in the order of the loop's arguments
+PARTS = (RESAMPLE, ADD_MOMENTS, WEIGH, NORMALS)  # in the order of the loop's arguments
