@@ -10,7 +10,7 @@ Source: question 8 of the handout.
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import partial
 
 import numpy as np
@@ -26,7 +26,7 @@ from lab.solvers.particle import guided, rbpf, sir, sis
 from lab.solvers.together import in_kernels
 from lab.units import Batch, all_units, batches
 from lab.validation import InputError
-from lab.warming import warm
+from lab.warming import warming
 from lab.work import Work, threadpools
 
 LONG = 3000  # particles: a compiled run of less spends most of its time in Python
@@ -88,12 +88,12 @@ def compare(
     if not isinstance(solvers, Mapping) or not all(isinstance(label, str) for label in solvers):
         raise InputError('solvers must map labels to functions, as {"sir": sir}.')
     units = all_units(solvers, n_particles, runs=runs, seed=seed, data_sets=len(problems))
-    if execute is None:
-        execute = way_to_run(solvers, max(unit.n_particles for unit in units), jobs)
-    exacts = tuple(map(kalman, problems))
-    work = Work(problems, exacts, dict(solvers), keep_moments)
     done = {}
     with ExitStack() as stack:
+        if execute is None:
+            execute = stack.enter_context(way_to_run(solvers, max(unit.n_particles for unit in units), jobs))
+        exacts = tuple(map(kalman, problems))
+        work = Work(problems, exacts, dict(solvers), keep_moments)
         if progress:
             advance = stack.enter_context(progress_bar("comparing", sum(u.n_particles + OVERHEAD for u in units)))
         stack.enter_context(threadpools().limit(limits=1))  # here; each run asks for it where it is
@@ -109,8 +109,9 @@ def compare(
     return Comparison(problems, exacts, tuple(done[unit] for unit in units), designs(solvers))
 
 
-def way_to_run(solvers: Mapping[str, Solver], largest: int, jobs: int) -> Execute:
-    """Return the way to run `jobs` units at a time: threads where all that take long run in kernels, else processes.
+@contextmanager
+def way_to_run(solvers: Mapping[str, Solver], largest: int, jobs: int) -> Iterator[Execute]:
+    """Give the way to run `jobs` units at a time: threads where all that take long run in kernels, else processes.
 
     Threads begin at once and load the kernels once; but a function that is not ours could take the process with it.
 
@@ -123,14 +124,17 @@ def way_to_run(solvers: Mapping[str, Solver], largest: int, jobs: int) -> Execut
         -1 for one per processor.
     """
     if jobs == 1:
-        return execution.here
+        yield execution.here
+        return
     try:
         in_threads = largest >= LONG and all(in_kernels(solver, LONG) for solver in solvers.values())
     except InputError:  # which is for the run to say
         in_threads = False
     if not in_threads:
-        return partial(execution.processes, jobs=jobs)
-    return partial(_threads, jobs=jobs)  # type: ignore[return-value]
+        yield partial(execution.processes, jobs=jobs)
+        return
+    with warming(jobs) as warm:
+        yield partial(_threads, jobs=jobs, warm=warm)  # type: ignore[misc]
 
 
 def _threads(
@@ -139,11 +143,12 @@ def _threads(
     lost: Callable[[Batch, str], list[Record]],
     *,
     jobs: int,
+    warm: Callable[[], None],
 ) -> Iterator[list[Record]]:
     """Run long batches in threads, then the others, each of which would wait for Python while another one has it."""
     long = [batch for batch in items if batch[0].n_particles >= LONG]
     if long:
-        warm(jobs)  # before two threads want to
+        warm()  # before two threads want to
     yield from execution.threads(work, long, lost, jobs=jobs)
     yield from map(work, [batch for batch in items if batch[0].n_particles < LONG])
 

@@ -2,10 +2,11 @@
 
 Question answered: what happens at the very first run on a machine?  The compiled loop is translated, which takes a
 quarter of a minute.  Its parts are translated by another process meanwhile, which leaves them on disk; so it takes
-about half of that.  Called by `lab.compare`.
+little more than half of that.  Called by `lab.compare`.
 """
 
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 
 import cloudpickle
 
@@ -14,22 +15,36 @@ from lab.solvers import compiled
 from lab.workers import Crew
 
 
-def warm(jobs: int) -> None:
-    """Load the kernels, or have them compiled, by two processes where `jobs` allows it.
+@contextmanager
+def warming(jobs: int) -> Iterator[Callable[[], None]]:
+    """Have another process begin, if there is anything to compile and `jobs` allows it; what this yields does the rest.
 
     Parameters
     ----------
     jobs : int
         -1 for one per processor.
+
+    Yields
+    ------
+    function
+        Loads the kernels, and compiles of them what the other process does not, which is ended then or with the block.
     """
-    if jobs != 1 and compiled.is_cold():
-        with Crew() as crew:
-            crew.instruct(cloudpickle.dumps(_compile_parts))
-            parts = crew.call(1).workers[0].submit(None)
+    if jobs == 1 or not compiled.is_cold():
+        yield compiled.warm
+        return
+    with ExitStack() as stack:
+        crew = stack.enter_context(Crew())
+        crew.instruct(cloudpickle.dumps(_compile_parts))
+        parts = crew.call(1).workers[0].submit(None)
+
+        def warm() -> None:
             compiled.compile_loop()
             with suppress(Exception):  # whatever befell that process: what it did not leave is compiled here
                 parts.result()
-    compiled.warm()
+            stack.close()
+            compiled.warm()
+
+        yield warm
 
 
 def _compile_parts(_: None) -> None:

@@ -119,13 +119,18 @@ def test_a_run_depends_on_its_seed_and_not_on_its_thread():
 
 def test_a_comparison_of_compiled_filters_runs_in_threads_to_the_same_numbers():
     world, solvers = cut(reference(1).problem, 7), {"sir": partial(sir, backend="numba"), "sis": sis}
-    assert way_to_run(solvers, LONG, 2).func is execution.processes  # not all of them are compiled
+
+    def way(solvers, largest, jobs):
+        with way_to_run(solvers, largest, jobs) as execute:
+            return getattr(execute, "func", execute)
+
+    assert way(solvers, LONG, 2) is execution.processes  # not all of them are compiled
     solvers["sis"] = partial(sis, backend="auto")
-    assert way_to_run(solvers, LONG - 1, 2).func is execution.processes  # nothing takes long
-    assert way_to_run(solvers, LONG, 2).func is not execution.processes
-    assert way_to_run(solvers, LONG, 1) is execution.here
+    assert way(solvers, LONG - 1, 2) is execution.processes  # nothing takes long
+    assert way(solvers, LONG, 2) not in (execution.processes, execution.here)
+    assert way(solvers, LONG, 1) is execution.here
     with_resampler = {"sir": partial(sir, backend="numba", resample=lambda weights, rng: None)}
-    assert way_to_run(with_resampler, LONG, 2).func is execution.processes
+    assert way(with_resampler, LONG, 2) is execution.processes
     alone, shared = (compare(world, solvers, n_particles=[20, LONG], runs=3, jobs=jobs).runs for jobs in (1, 2))
     assert shared.drop(columns="seconds").equals(alone.drop(columns="seconds"))
 
@@ -279,10 +284,10 @@ def test_two_processes_compile_what_was_never_used_or_was_changed(tmp_path):
     code = (
         "from lab.fast import compiled as kernels\n"
         "from lab.solvers import compiled\n"
-        "from lab.warming import warm\n"
+        "from lab.warming import warming\n"
         "before = compiled.is_cold()\n"
         "if {wanted}:\n"
-        "    warm(2)\n"
+        "    with warming(2) as warm: warm()\n"
         "    print(before, compiled.is_cold(), *(part.cache_hits for part in map(kernels._made, kernels.PARTS)))\n"
         "else:\n"
         "    print(before)"
@@ -307,7 +312,9 @@ def test_parts_that_another_process_could_not_compile_are_compiled_here(monkeypa
     monkeypatch.setattr(compiled, "warm", lambda: called.append("warm"))
     for end in (lambda _: os._exit(1), lambda _: 1 / 0):
         monkeypatch.setattr(warming, "_compile_parts", end)
-        warming.warm(2)
+        with warming.warming(2) as warm:
+            warm()
     assert called == ["loop", "warm"] * 2
-    warming.warm(1)  # nobody else is to work
+    with warming.warming(1) as warm:  # nobody else is to work
+        warm()
     assert called == ["loop", "warm"] * 2 + ["warm"]

@@ -157,7 +157,7 @@ def _execution(
         return cluster.connect(address, options.compiled_with(solvers))
     if options.student_files(solvers):
         return nullcontext(partial(execution.processes, jobs=jobs))
-    return nullcontext(way_to_run(solvers, largest, jobs))
+    return way_to_run(solvers, largest, jobs)
 
 
 def _run(
