@@ -77,7 +77,9 @@ def resample(even, weights, tops, state, scratch, ends, points, before, ancestor
     for b in range(BLOCKS):
         for lane in range(LANES):
             weights[b, lane] = even[b, lane]
-    offspring.resample(offspring.SYSTEMATIC, weights, tops, 0.0, n, state, scratch, ends, points, before, ancestors)
+    offspring.resample_systematic(
+        offspring.SYSTEMATIC, weights, tops, 0.0, n, state, scratch, ends, points, before, ancestors
+    )
     for b in range(BLOCKS):
         block.fetch(new, old, ancestors, b, n, new.shape[1], places)
 

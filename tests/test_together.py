@@ -65,13 +65,17 @@ def test_kernels_are_loaded_before_the_clock_starts(monkeypatch):
     """Else the first run's time would be that of compiling; numpy and a student's function load none."""
     pytest.importorskip("numba", reason="the extra toy-slam-lab[fast] is not installed")
     loaded = []
-    monkeypatch.setattr(compiled, "warm", lambda: loaded.append(True))
+    monkeypatch.setattr(compiled, "warm", lambda scheme: loaded.append(scheme))
     world = cut(problem(), 3)
     work = Work((world,), (kalman(world),), {"auto": partial(sir, backend="auto"), "numpy": sir})
     for label, n_particles in (("numpy", 200), ("auto", 20), ("auto", 200)):
         assert not loaded
         work((Unit(label, n_particles, 0, 0),))
-    assert loaded
+    assert loaded == ["systematic"]
+    Work((world,), (kalman(world),), {"low": partial(sir, backend="numba", resample="residual")})(
+        (Unit("low", 200, 0, 0),)
+    )
+    assert loaded[1:] == ["residual"]
 
 
 def test_who_is_in_a_batch_depends_on_nothing_else():

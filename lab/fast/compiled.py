@@ -20,7 +20,7 @@ from lab.fast import loop
 from lab.fast.kernel import kernel
 from lab.fast.normals import normals, seed, uniforms
 from lab.fast.offspring import SCHEMES
-from lab.fast.parts import PARTS, Part
+from lab.fast.parts import EVERY_RUN, RESAMPLE_OTHERWISE, RESAMPLE_SYSTEMATIC, Part
 from lab.fast.room import room
 
 __all__ = ["KEPT", "SCHEMES", "compile_loop", "compile_parts", "is_cold", "normals", "room", "run", "seed", "uniforms"]
@@ -33,6 +33,7 @@ def _fingerprint() -> str:
 
 
 FINGERPRINT = _fingerprint()
+USUAL = (RESAMPLE_SYSTEMATIC, *EVERY_RUN)  # in the order of the loop's arguments
 
 
 def _kept(function: Any) -> Any:
@@ -50,9 +51,10 @@ except RuntimeError:  # no folder can be written to
     KEPT = False
 
 
-def run(*arguments: Any) -> int:
-    """Run a filter: `lab.fast.loop.run` without the addresses."""
-    return _run(*(_made(part).address for part in PARTS), *arguments)  # type: ignore[no-any-return]
+def run(resample: str, *arguments: Any) -> int:
+    """Run a filter with one of SCHEMES: `lab.fast.loop.run` without the addresses."""
+    parts = USUAL if resample == "systematic" else (RESAMPLE_OTHERWISE, *EVERY_RUN)
+    return _run(*(_made(part).address for part in parts), *arguments)  # type: ignore[no-any-return]
 
 
 @cache
@@ -62,16 +64,18 @@ def _made(part: Part) -> Any:
 
 
 def is_cold() -> bool:
-    """Whether anything is yet to be compiled for the folder in which machine code is kept."""
-    return KEPT and len(list(Path(_run.stats.cache_path).glob(f"*_{FINGERPRINT}-*.nbi"))) <= len(PARTS)
+    """Whether anything that every run needs is yet to be compiled for the folder in which machine code is kept."""
+    functions = [loop.run, *(part.kernel.py_func for part in USUAL)]
+    needed = {f"{Path(each.__code__.co_filename).stem}.{_kept(each).__qualname__}" for each in functions}
+    return KEPT and not needed <= {path.name.split("-")[0] for path in Path(_run.stats.cache_path).glob("*.nbi")}
 
 
 def compile_loop(*arguments: Any) -> None:
     """Compile the loop, but not its parts, for arguments of these types."""
-    _run.compile((numba.int64,) * len(PARTS) + tuple(map(numba.typeof, arguments)))
+    _run.compile((numba.int64,) * len(USUAL) + tuple(map(numba.typeof, arguments)))
 
 
 def compile_parts() -> None:
-    """Compile what `compile_loop` does not."""
-    for part in PARTS:
+    """Compile what `compile_loop` does not, but for the schemes that are not usual."""
+    for part in USUAL:
         _made(part)

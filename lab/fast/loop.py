@@ -35,10 +35,10 @@ from lab.fast.block import (
     weigh_point,
     weights_of,
 )
-from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup, retire
+from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup
 from lab.fast.kernel import kernel, wide
 from lab.fast.normals import LANES
-from lab.fast.parts import ADD_MOMENTS, NORMALS, RESAMPLE, WEIGH
+from lab.fast.parts import ADD_MOMENTS, NORMALS, RESAMPLE_SYSTEMATIC, RETIRE, WEIGH
 from lab.fast.sums import DENSE, clear, finish, rescale
 from lab.validation import Array
 
@@ -46,7 +46,8 @@ COLLAPSED = 2.0  # an ESS below it: the mean goes where single particles go, so 
 FAINT = 52.0  # a million weights so far below that of the second heaviest block change no digit: exp(-52) = 3e-23
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
-resample, add_moments, weigh, normals = RESAMPLE.at, ADD_MOMENTS.at, WEIGH.at, NORMALS.at
+resample, retire = RESAMPLE_SYSTEMATIC.at, RETIRE.at  # schemes take the same arguments
+add_moments, weigh, normals = ADD_MOMENTS.at, WEIGH.at, NORMALS.at
 
 
 @kernel()
@@ -74,6 +75,7 @@ def run(
     add_moments_at: int,
     weigh_at: int,
     normals_at: int,
+    retire_at: int,
     n: int,
     state: Any,
     m0: Array,
@@ -119,7 +121,7 @@ def run(
 
     Parameters
     ----------
-    resample_at, ... normals_at : int
+    resample_at, ... retire_at : int
         Where `lab.fast.parts` are.
     n : int
         N particles.
@@ -188,7 +190,7 @@ def run(
             size = blocks * active * LANES
             flat = x.reshape(-1)[:size]
             other = other.reshape(-1)[:size].reshape((blocks, active, LANES))
-            retire(x, other, static, starts, n_groups, n)
+            retire(retire_at, x, other, static, starts, n_groups, n)
             x, other, n_groups = other, flat.reshape((blocks, active, LANES)), n
         if resampled:
             resample(resample_at, scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)

@@ -39,7 +39,7 @@ def cumulate(weights: Array, tops: Array, largest: float, ends: Array) -> int:
     """
     wide()
     length = LANES // CHAINS
-    last = 0
+    last, ends[0] = 0, 0.0
     for b in range(len(weights)):
         scale = exp(tops[b] - largest)
         for lane in range(LANES):
@@ -133,12 +133,15 @@ def keep_copies(cumulative: Array, ends: Array, n: int, before: Any) -> int:
 
 
 @kernel()
-def find_ancestors(before: Any, n: int, ancestors: Any) -> None:
+def find_ancestors(before: Any, last: int, n: int, ancestors: Any) -> None:
     """Turn counts into the ancestor of each place: each particle is written where its places begin, the last one stays.
 
-    A particle without places is overwritten by the next; the running maximum fills the places that follow.
+    A particle without places is overwritten by the next; the running maximum fills the places that follow.  What
+    follows the last positive weight has none: rounding may leave the sum short of the last point.
     """
     length = LANES // CHAINS
+    for i in range(last + 1, n + 1):
+        before[i] = n
     for j in range(n + 1):
         ancestors[j] = 0
     for i in range(n):
@@ -161,7 +164,7 @@ def find_ancestors(before: Any, n: int, ancestors: Any) -> None:
 
 
 @kernel(from_python=True)
-def resample(
+def resample_systematic(
     scheme: int,
     weights: Array,
     tops: Array,
@@ -174,12 +177,12 @@ def resample(
     before: Any,
     ancestors: Any,
 ) -> None:
-    """Draw `before` (n + 1) and `ancestors` (n) by a scheme; the other arrays are room to work in.
+    """Draw `before` (n + 1) and `ancestors` (n) by the scheme that is usual; the other arrays are room to work in.
 
     Parameters
     ----------
     scheme : int
-        One of SCHEMES.
+        SYSTEMATIC.
     weights : (blocks, LANES) array
         Finite, 0 in the lanes beyond the n particles; those of block b are to be multiplied by exp(tops[b] - largest).
         They are overwritten by sums.
@@ -194,20 +197,34 @@ def resample(
     scratch, ends, points : (1, LANES), (blocks + 1,), (n + 1,) array
     before, ancestors : (n + 1,), (n + 1,) array of int
     """
-    ends[0] = 0.0
-    last = cumulate(weights, tops, largest, ends)
     before[0] = 0
-    if scheme == SYSTEMATIC:
-        systematic(weights, ends, n, state, scratch, before)
-    elif scheme == STRATIFIED:
+    last = cumulate(weights, tops, largest, ends)
+    systematic(weights, ends, n, state, scratch, before)
+    find_ancestors(before, last, n, ancestors)
+
+
+@kernel(from_python=True)
+def resample_otherwise(
+    scheme: int,
+    weights: Array,
+    tops: Array,
+    largest: float,
+    n: int,
+    state: Any,
+    scratch: Array,
+    ends: Array,
+    points: Array,
+    before: Any,
+    ancestors: Any,
+) -> None:
+    """Do the same by one of the other SCHEMES: apart, since they take longer to compile than to be of use to many."""
+    for i in range(n + 1):
+        before[i] = 0
+    last = cumulate(weights, tops, largest, ends)
+    if scheme == STRATIFIED:
         stratified(weights, ends, n, state, scratch, points, before)
     else:
-        for i in range(n + 1):
-            before[i] = 0
         copies = keep_copies(weights, ends, n, before) if scheme == RESIDUAL else 0
         if copies < n:
             multinomial(weights, ends, n, n - copies, state, scratch, points, before)
-    # rounding may leave the sum short of the last point
-    for i in range(last + 1, n + 1):
-        before[i] = n
-    find_ancestors(before, n, ancestors)
+    find_ancestors(before, last, n, ancestors)

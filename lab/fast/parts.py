@@ -15,7 +15,7 @@ from numba import float64, int32, int64, uint64, void
 from numba.core.types import StarArgTuple
 from numba.extending import intrinsic
 
-from lab.fast import block, normals, offspring, sums
+from lab.fast import block, genealogy, normals, offspring, sums
 
 ROW, ROWS, BLOCKS = float64[::1], float64[:, ::1], float64[:, :, ::1]
 PLACES, STATE = int32[::1], uint64[:, ::1]
@@ -54,10 +54,9 @@ class Part:
         return intrinsic(call)
 
 
-RESAMPLE = Part(
-    offspring.resample,
-    *(int64, ROWS, ROW, float64, int64, STATE, ROWS, ROW, ROW, PLACES, PLACES),
-)
+OFFSPRING = (int64, ROWS, ROW, float64, int64, STATE, ROWS, ROW, ROW, PLACES, PLACES)
+RESAMPLE_SYSTEMATIC = Part(offspring.resample_systematic, *OFFSPRING)
+RESAMPLE_OTHERWISE = Part(offspring.resample_otherwise, *OFFSPRING)  # compiled when it is asked for
 ADD_MOMENTS = Part(
     sums.add_moments,
     *(BLOCKS, ROWS, ROWS, float64, ROWS, PLACES, int64, int64, int64, int64),
@@ -68,4 +67,5 @@ WEIGH = Part(
     *(BLOCKS, ROWS, ROW, ROWS, int64, int64, int64, ROWS, float64, ROWS),
 )
 NORMALS = Part(normals.normals, STATE, ROWS, int64)
-PARTS = (RESAMPLE, ADD_MOMENTS, WEIGH, NORMALS)  # in the order of the loop's arguments
+RETIRE = Part(genealogy.retire, BLOCKS, BLOCKS, ROWS, PLACES, int64, int64)
+EVERY_RUN = (ADD_MOMENTS, WEIGH, NORMALS, RETIRE)

@@ -16,7 +16,7 @@ from lab.solvers.plan import plan
 from lab.solvers.proposals import GaussianProposal, prior
 from lab.validation import InputError
 
-LEAST: dict[str, Any] = {"proposal": prior, "n_particles": 1, "ess_threshold": 0.0, "resample": "systematic"}
+LEAST: dict[str, Any] = {"proposal": prior, "n_particles": 1, "ess_threshold": 0.0}
 
 
 def is_cold() -> bool:
@@ -26,15 +26,15 @@ def is_cold() -> bool:
 
 
 @cache
-def warm() -> None:
-    """Load the kernels, compiling them where they were never used: what the first run would wait for."""
-    run(_nothing(), np.random.default_rng(0), **LEAST)
+def warm(resample: str = "systematic") -> None:
+    """Load the kernels of a scheme, compiling them where they were never used: what the first run would wait for."""
+    run(_nothing(), np.random.default_rng(0), resample=resample, **LEAST)
 
 
 def compile_loop() -> None:
     """Do of `warm` what does not need the parts of the loop, which another process may be compiling."""
     kernels: Any = fast.load()
-    arguments, _ = _arguments(kernels, _nothing(), np.random.default_rng(0), **LEAST)
+    arguments, _ = _arguments(kernels, _nothing(), np.random.default_rng(0), resample="systematic", **LEAST)
     kernels.compile_loop(*arguments)
 
 
@@ -63,7 +63,7 @@ def run(
     kernels: Any = fast.load()
     settings = proposal, n_particles, ess_threshold, resample
     arguments, (means, covs, *others) = _arguments(kernels, problem, rng, *settings)
-    failed = kernels.run(*arguments)
+    failed = kernels.run(resample, *arguments)
     if failed:
         raise InputError(f"At k = {failed}: The weights cannot be normalised: every weight is zero, or one is NaN.")
     if not np.isfinite(means).all():

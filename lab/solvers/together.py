@@ -66,7 +66,7 @@ def together(solver: Solver, n_particles: int) -> Together | None:
 def prepare(solver: Solver, n_particles: int) -> None:
     """Load the kernels that a run of this solver needs, so that the time of the first run is its own."""
     if in_kernels(solver, n_particles):
-        compiled.warm()
+        compiled.warm(_scheme(solver))
 
 
 def in_kernels(solver: Solver, n_particles: int) -> bool:
@@ -78,8 +78,11 @@ def in_kernels(solver: Solver, n_particles: int) -> bool:
         A backend that is unknown, or that cannot run this.
     """
     function, given = _taken_apart(solver)
-    backend, scheme = given.get("backend", "numpy"), given.get("resample", "systematic")
-    return function in OURS and is_compiled(backend, n_particles, scheme)
+    return function in OURS and is_compiled(given.get("backend", "numpy"), n_particles, _scheme(solver))
+
+
+def _scheme(solver: Solver) -> Any:
+    return _taken_apart(solver)[1].get("resample", "systematic")
 
 
 def _taken_apart(solver: Solver) -> tuple[Any, dict[str, Any]]:
