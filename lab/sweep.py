@@ -6,21 +6,19 @@ that a folder may hold already, `unfinished/` keeps
     config.json      what was asked for, and the versions that compute it
     finished.lines   one line per finished unit: metrics, and what is kept over time
 
-A line stands behind its checksum, so that one that is half written or damaged counts as none; the next begins a new one
-whatever was there.  A unit's seed depends on nothing but the unit, so the result of a comparison that was stopped ten
+A line that is half written or damaged counts as none (see `lab.ledger`), and the next begins a new one whatever was
+there.  A unit's seed depends on nothing but the unit, so the result of a comparison that was stopped ten
 times equals that of one that never was, but for the seconds.
 Called by the command line; in Python, `resumable` goes into the `execute` of `lab.compare.compare`.
 """
 
-import base64
 import json
 import os
 import shutil
 import tempfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +27,15 @@ import pandas as pd
 
 from lab.comparison import Comparison, Record, Unit
 from lab.execution import Execute
-from lab.metrics import Metrics
+from lab.ledger import line_of, record_of
 from lab.records.files import TEMPORARY, atomic_path, exclusive
 from lab.result import Filtered
 from lab.units import Batch
-from lab.validation import Array, InputError
+from lab.validation import InputError
 
 FOLDER = "unfinished"
 CONFIG = "config.json"
 FINISHED = "finished.lines"
-SERIES = ("ess", "survivors")
-MOMENTS = ("means", "covs", "log_evidence")
 NUMERIC_VERSIONS = ("toy-slam-lab", "numpy", "scipy", "filterpy", "numba")  # others change no number
 
 
@@ -122,7 +118,7 @@ class Unfinished:
             return {}
         for line in lines:
             try:
-                record = _record(_unpacked(line))
+                record = record_of(line)
             except (ValueError, KeyError, TypeError):
                 continue
             records[record.unit] = record
@@ -141,7 +137,7 @@ class Unfinished:
         path = self.folder / FINISHED
         try:
             with open(path, "ab") as file:
-                file.write(b"\n" + _packed(_row(record)))
+                file.write(b"\n" + line_of(record))
         except OSError as error:
             raise InputError(f"{path} cannot be written: {error.strerror}.") from None
 
@@ -236,54 +232,3 @@ def _check_same(earlier: dict[str, Any], config: dict[str, Any], folder: Path) -
         before, now = earlier["versions"].get(name), config["versions"].get(name)
         if before != now:
             raise InputError(f"{folder} was begun with {name} {before}, and this is {now}: the results would not fit.")
-
-
-def _packed(row: dict[str, Any]) -> bytes:
-    """Return a row as a line of JSON behind its checksum."""
-    text = json.dumps(row).encode()
-    return b"%08x %s" % (zlib.crc32(text), text)
-
-
-def _unpacked(line: bytes) -> dict[str, Any]:
-    """Return what `_packed` was given; a ValueError when the line is not what it returned."""
-    checksum, _, text = line.partition(b" ")
-    if int(checksum, 16) != zlib.crc32(text):
-        raise ValueError("The checksum is wrong.")
-    row: dict[str, Any] = json.loads(text)
-    return row
-
-
-def _row(record: Record) -> dict[str, Any]:
-    row = {**vars(record.unit), **vars(record.metrics), "error": record.error}
-    row |= {name: _written(getattr(record, name)) for name in SERIES}
-    kept = record.filtered
-    return row | {name: None if kept is None else _written(getattr(kept, name)) for name in MOMENTS}
-
-
-def _record(row: dict[str, Any]) -> Record:
-    unit = Unit(*(field_type(row[name]) for name, field_type in _UNIT_TYPES.items()))
-    metrics = Metrics(**{field.name: float(row[field.name]) for field in fields(Metrics)})
-    ess, survivors = (_array(row[name]) for name in SERIES)
-    kept = None
-    means, covs, log_evidence = (_array(row[name]) for name in MOMENTS)
-    if means is not None and covs is not None and log_evidence is not None:
-        kept = Filtered(means, covs, log_evidence, ess, survivors)
-    return Record(unit, metrics, ess, survivors, kept, str(row["error"]))
-
-
-_UNIT_TYPES = {"solver": str, "n_particles": int, "run": int, "seed": int, "data_set": int}
-
-
-def _written(values: Array | None) -> list[Any] | None:
-    """Return an array as type, shape and text, to the last digit; None for none."""
-    if values is None:
-        return None
-    values = np.asarray(values)
-    return [values.dtype.str, list(values.shape), base64.b64encode(values.tobytes()).decode()]
-
-
-def _array(written: list[Any] | None) -> Array | None:
-    if written is None:
-        return None
-    type_, shape, text = written
-    return np.frombuffer(base64.b64decode(text), type_).reshape(shape).copy()

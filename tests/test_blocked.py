@@ -14,6 +14,7 @@ from lab.solvers.blocked import LONG
 from lab.solvers.clones import FEW, LARGEST, Clones, _moments
 from lab.solvers.plan import plan
 from lab.solvers.proposals import prior
+from lab.solvers.steps import steps_of
 from lab.solvers.together import FEWEST
 from lab.validation import InputError
 
@@ -141,7 +142,7 @@ def test_rows_are_counted_from_a_path_only_where_measurements_keep_it_near(name)
     """What nothing corrects may go anywhere without its particles, which weights hold near the data."""
     given = problem(full_scenario(3, n_steps=30))
     laws = plan(given, PROPOSALS[name])
-    steps, loose = blocked._steps(laws), name in ("prior", "rbpf-prior")
+    steps, loose = steps_of(laws), name in ("prior", "rbpf-prior")
     exact = kalman(given)
     for k, step in enumerate(steps, start=1):
         assert (step.path[:2] == 0).all() == loose

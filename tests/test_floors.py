@@ -45,6 +45,7 @@ FLOORS = {
     "lab.plots": 4,
     "lab.cli": 5,
     "lab.sweep": 5,
+    "lab.ledger": 5,
     "lab.findings": 5,
     "lab.report": 5,
     "lab.checks": 5,
@@ -81,6 +82,7 @@ SIDEWAYS = {
     "lab.ekfslam.app_data": {"lab.ekfslam.app"},
     "lab.ekfslam.app_data_report": {"lab.ekfslam.app_data"},
     "lab.ekfslam.app_report": {"lab.ekfslam.app"},
+    "lab.sweep": {"lab.ledger"},
     "lab.given": {"lab.checks"},
     "lab.notebook": {"lab.checks"},  # which function belongs to which question
     "lab.__main__": {"lab.cli"},

@@ -17,8 +17,7 @@ For schemes whose ancestors come in ascending order.  Called by `lab.solvers.par
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 
@@ -27,56 +26,15 @@ from lab.problem import Problem
 from lab.resampling import ends_of_strata
 from lab.result import Filtered
 from lab.solvers.clones import Clones, blocks
-from lab.solvers.plan import Plan, plan
+from lab.solvers.plan import plan
 from lab.solvers.proposals import GaussianProposal
+from lab.solvers.steps import Step, loose, neighbours, steps_of
 from lab.validation import Array, InputError
 
 ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
-ROOT_HALF = np.sqrt(0.5)  # goes into y, so that its square needs no factor
 LEAST = -600.0  # log-weights so far below the largest count as 0: with numbers near the smallest one, all is slow
 LONG = 1000  # particles: where groups have as many on average, they are gone through one by one
-
-
-class _Step(NamedTuple):
-    """A step of a plan as one product that reads the particles before the step.
-
-    y is what the measurement has beyond what a particle expects, whitened, times the root of a half.
-
-    Attributes
-    ----------
-    map : (u + p, c) array
-        From what is read to the u rows that the step changes, and to y.
-    shift : (u, 1) array
-        What is added to those rows: where no measurement ever corrects them, else 0.
-    reads, writes : list of slice
-        The c rows of noise and active rows, one above the other; the u active rows.
-    expected, of_static : (p, 1), (p, s) array
-        The parts of y that need no active row.
-    gain : (u, p) array
-        What y does to the rows that change: `map` has it but for the static rows.
-    constant : float
-    n_draws : int
-    path : (n,) array
-        Where particles are counted from after the step.
-    differing : list of slice
-        The active rows that are not 0 for all particles after the step, if none are static.
-    """
-
-    map: Array
-    shift: Array
-    reads: list[slice]
-    writes: list[slice]
-    expected: Array
-    of_static: Array
-    gain: Array
-    constant: float
-    n_draws: int
-    path: Array
-    differing: list[slice]
-
-
-_prepared: WeakKeyDictionary[Plan, list[_Step]] = WeakKeyDictionary()  # plans never change
 
 
 def run(
@@ -101,10 +59,10 @@ def run(
         In one of the runs every weight is zero at some k, which is named, or a particle is not finite.
     """
     laws, runs, P = plan(problem, proposal), len(rngs), n_particles
-    steps, N, n = _steps(laws), problem.n_instants, len(laws.m0)
+    steps, N, n = steps_of(laws), problem.n_instants, len(laws.m0)
     means, covs = np.empty((N, runs, n)), np.empty((N, runs, n, n))
-    path, differing = laws.m0, _neighbours(np.flatnonzero(laws.spread_0[: len(laws.B)].any(axis=1)))
-    near = not _loose(laws).any()
+    path, differing = laws.m0, neighbours(np.flatnonzero(laws.spread_0[: len(laws.B)].any(axis=1)))
+    near = not loose(laws).any()
     log_evidence, ess = np.zeros((N, runs)), np.empty((N, runs))
     survivors: Any = np.empty((N, runs), dtype=np.int64)
     cloud = Clones(laws, P, rngs)
@@ -174,53 +132,7 @@ def _weigh(logs: Array, w: Array, k: int) -> Array:
     return np.asarray(largest)
 
 
-def _steps(laws: Plan) -> list[_Step]:
-    """Return the steps of a plan, made at the first call."""
-    if laws not in _prepared:
-        a, m, most = len(laws.B), laws.n_moving, laws.spread.shape[2]
-        moved = np.vstack([laws.F[:m], np.eye(a)[m:]])
-        path, differing = laws.m0, laws.spread_0[:a].any(axis=1)
-        loose = _loose(laws)
-        _prepared[laws] = []
-        for step, (p, e, _) in enumerate(laws.sizes):
-            z, H = laws.z[step, :p] * ROOT_HALF, laws.H[step, :p] * ROOT_HALF
-            drawn, K = laws.spread[step, :, :e], laws.K[step, :, :p] / ROOT_HALF
-            to_y = -H[:, :a] @ np.hstack([drawn * laws.draw_first, moved])
-            to_rows = np.hstack([drawn, moved]) + K @ to_y
-            changed = np.flatnonzero((np.arange(a) < m) | drawn.any(axis=1) | K.any(axis=1))
-            whole = np.vstack([to_rows[changed], to_y])
-            read = np.flatnonzero(whole.any(axis=0))
-            path = np.concatenate([moved @ path[:a] + laws.B, path[a:]])
-            expected = z - H @ path
-            path[:a] += K @ expected
-            shift = np.where(loose, path[:a], 0.0)
-            path[:a] -= shift
-            differing = to_rows[:, :e].any(axis=1) | ((to_rows[:, e:] != 0) @ differing) | (shift != 0)
-            _prepared[laws].append(
-                _Step(
-                    np.ascontiguousarray(whole[:, read]),
-                    shift[changed, np.newaxis],
-                    _neighbours(most - e + read),  # what is drawn stands last
-                    _neighbours(changed),
-                    expected[:, np.newaxis],
-                    -H[:, a:],
-                    K[changed],
-                    float(laws.constants[step]),
-                    int(e),
-                    path,
-                    _neighbours(np.flatnonzero(differing)),
-                )
-            )
-    return _prepared[laws]
-
-
-def _loose(laws: Plan) -> Any:
-    """Return which active rows (a,) are moved or drawn, but never corrected by what is measured."""
-    changes = (np.arange(len(laws.B)) < laws.n_moving) | laws.spread.any(axis=(0, 2))
-    return changes & ~laws.K.any(axis=(0, 2))
-
-
-def _make(step: _Step, cloud: Clones, logs: Array) -> None:
+def _make(step: Step, cloud: Clones, logs: Array) -> None:
     """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
     u, p, expected = len(step.gain), len(step.expected), step.expected
     corrected = False  # whether rows change by what the static ones make of y
@@ -230,7 +142,7 @@ def _make(step: _Step, cloud: Clones, logs: Array) -> None:
             beyond = cloud.spread_out(beyond)
         expected, corrected = expected + beyond, bool(step.gain.any())
     for rows in blocks(len(logs), max(len(cloud.both), u + p)):
-        read = [cloud.both[neighbours, rows] for neighbours in step.reads]
+        read = [cloud.both[part, rows] for part in step.reads]
         made = np.empty((u + p, rows.stop - rows.start))
         cloud.product(step.map, np.concatenate(read) if len(read) > 1 else read[0], out=made)
         if corrected:
@@ -238,18 +150,12 @@ def _make(step: _Step, cloud: Clones, logs: Array) -> None:
             cloud.add(apart, beyond, rows)
             made[:u] += cloud.product(step.gain, apart)
         begin = 0
-        for neighbours in step.writes:
-            end = begin + neighbours.stop - neighbours.start
-            np.add(made[begin:end], step.shift[begin:end], out=cloud.x[neighbours, rows])
+        for part in step.writes:
+            end = begin + part.stop - part.start
+            np.add(made[begin:end], step.shift[begin:end], out=cloud.x[part, rows])
             begin = end
         y = made[u:]
         cloud.add(y, expected, rows)
         np.square(y, out=y)
         for square in y:
             logs[rows] -= square
-
-
-def _neighbours(rows: Any) -> list[slice]:
-    """Return ascending whole numbers as slices of those that follow one another; an empty one where there are none."""
-    runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    return [slice(int(run[0]), int(run[-1]) + 1) if len(run) else slice(0, 0) for run in runs]
