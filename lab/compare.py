@@ -23,7 +23,7 @@ from lab.problem import Problem, require_problem
 from lab.progress import progress_bar
 from lab.solvers import Solver, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
-from lab.solvers.together import in_kernels
+from lab.solvers.together import in_kernels, prepare
 from lab.units import Batch, all_units, batches
 from lab.validation import InputError
 from lab.warming import warming
@@ -133,7 +133,12 @@ def way_to_run(solvers: Mapping[str, Solver], largest: int, jobs: int) -> Iterat
     if not in_threads:
         yield partial(execution.processes, jobs=jobs)
         return
-    with warming(jobs) as warm:
+
+    def load() -> None:
+        for solver in solvers.values():
+            prepare(solver, LONG)
+
+    with warming(load, jobs) as warm:
         yield partial(_threads, jobs=jobs, warm=warm)  # type: ignore[misc]
 
 

@@ -16,21 +16,23 @@ from lab.workers import Crew
 
 
 @contextmanager
-def warming(jobs: int) -> Iterator[Callable[[], None]]:
+def warming(load: Callable[[], None], jobs: int) -> Iterator[Callable[[], None]]:
     """Have another process begin, if there is anything to compile and `jobs` allows it; what this yields does the rest.
 
     Parameters
     ----------
+    load : function
+        Loads the kernels that will be needed, compiling what is not on disk.
     jobs : int
         -1 for one per processor.
 
     Yields
     ------
     function
-        Loads the kernels, and compiles of them what the other process does not, which is ended then or with the block.
+        Compiles the loop, waits for the other process, which is ended then or with the block, and calls `load`.
     """
     if jobs == 1 or not compiled.is_cold():
-        yield compiled.warm
+        yield load
         return
     with ExitStack() as stack:
         crew = stack.enter_context(Crew())
@@ -42,7 +44,7 @@ def warming(jobs: int) -> Iterator[Callable[[], None]]:
             with suppress(Exception):  # whatever befell that process: what it did not leave is compiled here
                 parts.result()
             stack.close()
-            compiled.warm()
+            load()
 
         yield warm
 

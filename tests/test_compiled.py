@@ -135,6 +135,16 @@ def test_a_comparison_of_compiled_filters_runs_in_threads_to_the_same_numbers():
     assert shared.drop(columns="seconds").equals(alone.drop(columns="seconds"))
 
 
+def test_threads_begin_when_the_kernels_of_all_schemes_are_loaded(monkeypatch):
+    loaded, sir_ = [], partial(sir, backend="numba")
+    monkeypatch.setattr(compiled, "is_cold", lambda: False)
+    monkeypatch.setattr(compiled, "warm", loaded.append)
+    with way_to_run({"usual": sir_, "other": partial(sir_, resample="stratified")}, LONG, 2) as execute:
+        assert not loaded
+        execute.keywords["warm"]()
+    assert loaded == ["systematic", "stratified"]
+
+
 def test_the_interpreter_goes_on_during_a_run():
     """A thread that counts is let in while the kernel runs: it does not hold Python's lock."""
     counted, done = [0], threading.Event()
@@ -287,7 +297,7 @@ def test_two_processes_compile_what_was_never_used_or_was_changed(tmp_path):
         "from lab.warming import warming\n"
         "before = compiled.is_cold()\n"
         "if {wanted}:\n"
-        "    with warming(2) as warm: warm()\n"
+        "    with warming(compiled.warm, 2) as warm: warm()\n"
         "    print(before, compiled.is_cold(), *(part.cache_hits for part in map(kernels._made, kernels.USUAL)))\n"
         "else:\n"
         "    print(before)"
@@ -309,12 +319,11 @@ def test_parts_that_another_process_could_not_compile_are_compiled_here(monkeypa
     called = []
     monkeypatch.setattr(compiled, "is_cold", lambda: True)
     monkeypatch.setattr(compiled, "compile_loop", lambda: called.append("loop"))
-    monkeypatch.setattr(compiled, "warm", lambda: called.append("warm"))
     for end in (lambda _: os._exit(1), lambda _: 1 / 0):
         monkeypatch.setattr(warming, "_compile_parts", end)
-        with warming.warming(2) as warm:
+        with warming.warming(partial(called.append, "load"), 2) as warm:
             warm()
-    assert called == ["loop", "warm"] * 2
-    with warming.warming(1) as warm:  # nobody else is to work
+    assert called == ["loop", "load"] * 2
+    with warming.warming(partial(called.append, "load"), 1) as warm:  # nobody else is to work
         warm()
-    assert called == ["loop", "warm"] * 2 + ["warm"]
+    assert called == ["loop", "load"] * 2 + ["load"]

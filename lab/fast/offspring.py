@@ -217,7 +217,7 @@ def resample_otherwise(
     before: Any,
     ancestors: Any,
 ) -> None:
-    """Do the same by one of the other SCHEMES: apart, since they take longer to compile than to be of use to many."""
+    """Do the same by one of the other SCHEMES, which few ask for: to compile all of them takes as long again."""
     for i in range(n + 1):
         before[i] = 0
     last = cumulate(weights, tops, largest, ends)

@@ -8,7 +8,7 @@ for it.
 Called by `lab.fast.loop`; `lab.fast.compiled` makes them.
 """
 
-from typing import Any, cast
+from typing import Any
 
 from llvmlite import ir
 from numba import float64, int32, int64, uint64, void
@@ -38,18 +38,19 @@ class Part:
     @property
     def at(self) -> Any:
         """What another kernel calls: with the address, and then the arguments."""
-        signature, packed = self.signature, cast(Any, StarArgTuple)
+        signature = self.signature
+        given: Any = StarArgTuple
 
         def call(context: Any, address: Any, *arguments: Any) -> Any:
             def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
                 address, packed = values
                 types = [context.get_value_type(type_) for type_ in signature.args]
                 function = ir.FunctionType(context.get_value_type(signature.return_type), types).as_pointer()
-                given = [builder.extract_value(packed, i) for i in range(len(types))]
-                builder.call(builder.inttoptr(address, function), given)
+                unpacked = [builder.extract_value(packed, i) for i in range(len(types))]
+                builder.call(builder.inttoptr(address, function), unpacked)
                 return context.get_dummy_value()
 
-            return signature.return_type(int64, packed(signature.args)), generate
+            return signature.return_type(int64, given(signature.args)), generate
 
         return intrinsic(call)
 
