@@ -15,7 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPo
 from typing import Any, Protocol, TypeVar
 
 import cloudpickle
-import joblib
+import loky
 
 from lab.validation import InputError
 from lab.workers import Crew, Worker
@@ -127,4 +127,4 @@ def processes(
 
 
 def _count(jobs: int) -> int:
-    return int(joblib.cpu_count()) if jobs == -1 else jobs
+    return int(loky.cpu_count()) if jobs == -1 else jobs

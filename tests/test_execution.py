@@ -10,7 +10,7 @@ import time
 from functools import partial
 
 import cloudpickle
-import joblib
+import loky
 import pytest
 
 from lab import execution, workers
@@ -36,7 +36,7 @@ def test_each_item_once_in_as_many_processes_as_asked_for(jobs):
 
 
 def test_one_worker_per_processor_and_none_too_many(monkeypatch):
-    monkeypatch.setattr(joblib, "cpu_count", lambda: 3)
+    monkeypatch.setattr(loky, "cpu_count", lambda: 3)
     made = []
     for items, jobs, expected in ((range(9), -1, 3), (range(2), -1, 2), (range(9), 2, 2), ([], 2, 0)):
         made.clear()
