@@ -23,7 +23,7 @@ from lab.problem import Problem, require_problem
 from lab.progress import progress_bar
 from lab.solvers import Solver, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
-from lab.solvers.together import in_kernels, prepare
+from lab.solvers.together import in_kernels, scheme_of
 from lab.units import Batch, all_units, batches
 from lab.validation import InputError
 from lab.warming import warming
@@ -133,12 +133,7 @@ def way_to_run(solvers: Mapping[str, Solver], largest: int, jobs: int) -> Iterat
     if not in_threads:
         yield partial(execution.processes, jobs=jobs)
         return
-
-    def load() -> None:
-        for solver in solvers.values():
-            prepare(solver, LONG)
-
-    with warming(load, jobs) as warm:
+    with warming(sorted({scheme_of(solver) for solver in solvers.values()}), jobs) as warm:
         yield partial(_threads, jobs=jobs, warm=warm)  # type: ignore[misc]
 
 
@@ -152,7 +147,7 @@ def _threads(
 ) -> Iterator[list[Record]]:
     """Run long batches in threads, then the others, each of which would wait for Python while another one has it."""
     long = [batch for batch in items if batch[0].n_particles >= LONG]
-    if long:
+    if items:
         warm()  # before two threads want to
     yield from execution.threads(work, long, lost, jobs=jobs)
     yield from map(work, [batch for batch in items if batch[0].n_particles < LONG])

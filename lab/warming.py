@@ -1,11 +1,11 @@
 """Kernels made ready before anybody waits for them.
 
 Question answered: what happens at the very first run on a machine?  The compiled loop is translated, which takes a
-quarter of a minute.  Its parts are translated by another process meanwhile, which leaves them on disk; so it takes
-little more than half of that.  Called by `lab.compare`.
+quarter of a minute.  Its parts are translated by another process meanwhile, which leaves them on disk; so it takes half
+of that.  Called by `lab.compare`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 
 import cloudpickle
@@ -16,40 +16,42 @@ from lab.workers import Crew
 
 
 @contextmanager
-def warming(load: Callable[[], None], jobs: int) -> Iterator[Callable[[], None]]:
+def warming(schemes: Sequence[str], jobs: int) -> Iterator[Callable[[], None]]:
     """Have another process begin, if there is anything to compile and `jobs` allows it; what this yields does the rest.
 
     Parameters
     ----------
-    load : function
-        Loads the kernels that will be needed, compiling what is not on disk.
+    schemes : sequence of str
+        Of resampling, for which the kernels will be needed.
     jobs : int
         -1 for one per processor.
 
     Yields
     ------
     function
-        Compiles the loop, waits for the other process, which is ended then or with the block, and calls `load`.
+        Compiles the loop, waits for the other process, and loads the kernels; the other process ends then, or at the
+        end of the block.
     """
-    if jobs == 1 or not compiled.is_cold():
-        yield load
-        return
     with ExitStack() as stack:
-        crew = stack.enter_context(Crew())
-        crew.instruct(cloudpickle.dumps(_compile_parts))
-        parts = crew.call(1).workers[0].submit(None)
+        parts = None
+        if jobs != 1 and compiled.is_cold(schemes):
+            crew = stack.enter_context(Crew())
+            crew.instruct(cloudpickle.dumps(_compile_parts))
+            parts = crew.call(1).workers[0].submit(schemes)
 
         def warm() -> None:
-            compiled.compile_loop()
-            with suppress(Exception):  # whatever befell that process: what it did not leave is compiled here
-                parts.result()
-            stack.close()
-            load()
+            if parts is not None:
+                compiled.compile_loop()
+                with suppress(Exception):  # whatever befell that process: what it did not leave is compiled here
+                    parts.result()
+                stack.close()
+            for scheme in schemes:
+                compiled.warm(scheme)
 
         yield warm
 
 
-def _compile_parts(_: None) -> None:
+def _compile_parts(schemes: Sequence[str]) -> None:
     kernels = fast.load()
     if kernels is not None:
-        kernels.compile_parts()
+        kernels.compile_parts(schemes)

@@ -8,6 +8,7 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,8 @@ from lab.solvers.plan import plan
 from lab.validation import InputError
 
 kernels = pytest.importorskip("lab.fast.compiled", reason="the extra toy-slam-lab[fast] is not installed")
+parts = pytest.importorskip("lab.fast.parts")
+numba = pytest.importorskip("numba")
 pytestmark = pytest.mark.usefixtures("compiled_once")
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -137,12 +140,12 @@ def test_a_comparison_of_compiled_filters_runs_in_threads_to_the_same_numbers():
 
 def test_threads_begin_when_the_kernels_of_all_schemes_are_loaded(monkeypatch):
     loaded, sir_ = [], partial(sir, backend="numba")
-    monkeypatch.setattr(compiled, "is_cold", lambda: False)
+    monkeypatch.setattr(compiled, "is_cold", lambda _: False)
     monkeypatch.setattr(compiled, "warm", loaded.append)
     with way_to_run({"usual": sir_, "other": partial(sir_, resample="stratified")}, LONG, 2) as execute:
         assert not loaded
         execute.keywords["warm"]()
-    assert loaded == ["systematic", "stratified"]
+    assert loaded == ["stratified", "systematic"]
 
 
 def test_the_interpreter_goes_on_during_a_run():
@@ -295,10 +298,12 @@ def test_two_processes_compile_what_was_never_used_or_was_changed(tmp_path):
         "from lab.fast import compiled as kernels\n"
         "from lab.solvers import compiled\n"
         "from lab.warming import warming\n"
-        "before = compiled.is_cold()\n"
+        "schemes = ['systematic']\n"
+        "before = compiled.is_cold(schemes)\n"
         "if {wanted}:\n"
-        "    with warming(compiled.warm, 2) as warm: warm()\n"
-        "    print(before, compiled.is_cold(), *(part.cache_hits for part in map(kernels._made, kernels.USUAL)))\n"
+        "    with warming(schemes, 2) as warm: warm()\n"
+        "    made = map(kernels._made, kernels.parts_for(*schemes))\n"
+        "    print(before, compiled.is_cold(schemes), *(part.cache_hits for part in made))\n"
         "else:\n"
         "    print(before)"
     )
@@ -317,13 +322,41 @@ def test_two_processes_compile_what_was_never_used_or_was_changed(tmp_path):
 
 def test_parts_that_another_process_could_not_compile_are_compiled_here(monkeypatch):
     called = []
-    monkeypatch.setattr(compiled, "is_cold", lambda: True)
+    monkeypatch.setattr(compiled, "is_cold", lambda _: True)
     monkeypatch.setattr(compiled, "compile_loop", lambda: called.append("loop"))
+    monkeypatch.setattr(compiled, "warm", called.append)
     for end in (lambda _: os._exit(1), lambda _: 1 / 0):
         monkeypatch.setattr(warming, "_compile_parts", end)
-        with warming.warming(partial(called.append, "load"), 2) as warm:
+        with warming.warming(["residual"], 2) as warm:
             warm()
-    assert called == ["loop", "load"] * 2
-    with warming.warming(partial(called.append, "load"), 1) as warm:  # nobody else is to work
+    assert called == ["loop", "residual"] * 2
+    with warming.warming(["residual"], 1) as warm:  # nobody else is to work
         warm()
-    assert called == ["loop", "load"] * 2 + ["load"]
+    assert called == ["loop", "residual"] * 2 + ["residual"]
+
+
+def test_each_scheme_runs_its_own_code(monkeypatch):
+    world, run = cut(problem(), 8), partial(sir, backend="numba", n_particles=400, ess_threshold=1)
+    means = [run(world, np.random.default_rng(0), resample=scheme).means[-1] for scheme in kernels.SCHEMES]
+    assert all((one != other).all() for one, other in combinations(means, 2))
+    asked = []
+    monkeypatch.setattr(kernels, "run", lambda scheme, *_: asked.append(scheme) or 1)
+    compiled.warm.cache_clear()
+    for scheme in kernels.SCHEMES:
+        with pytest.raises(InputError):
+            compiled.warm(scheme)
+    assert asked == [*kernels.SCHEMES]
+
+
+def test_parts_refuse_what_they_would_misread():
+    caller = parts.Part(parts.NORMALS.kernel, parts.ROW, numba.int64).caller()
+    asks = numba.njit(lambda values, number: caller(0, values, number))
+    for values, number in ((np.zeros(4)[::2], 1), (np.zeros(4, np.float32), 1), (np.zeros(4), 5.7)):
+        with pytest.raises(numba.TypingError, match="A part takes"):
+            asks.compile((numba.typeof(values), numba.typeof(number)))
+    fixed = np.zeros(4)
+    fixed.flags.writeable = False
+    with pytest.raises(numba.TypingError, match="A part takes"):
+        asks.compile((numba.typeof(fixed), numba.int64))
+    with pytest.raises(numba.TypingError, match="A part takes"):
+        numba.njit(lambda values: caller(0, values)).compile((parts.ROW,))

@@ -28,7 +28,7 @@ class Room:
             self.weights[:] = np.where(self.tops == -np.inf, 7, self.weights.T / np.exp(self.tops)).T
         self.weights.ravel()[self.n :] = 0
         given = (self.weights, self.tops, float(self.tops.max()), self.n, self.state)
-        resample = offspring.resample_systematic if scheme == "systematic" else offspring.resample_otherwise
+        resample = offspring.resample_systematic if scheme == "systematic" else offspring.resample_other
         resample(offspring.SCHEMES[scheme], *given, *self.work, self.before, self.ancestors)
         return self.ancestors[: self.n].copy()
 

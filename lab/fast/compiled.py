@@ -1,7 +1,7 @@
 """The compiled loop as a function: built at its first call, kept on disk where a folder can be written to.
 
 Question answered: when must kernels be compiled anew?  numba keeps machine code beside the source (in `__pycache__`, or
-in the user's cache folder, or where NUMBA_CACHE_DIR says) and looks at the time of one file alone.  So the hash of all
+in the user's cache folder, or where NUMBA_CACHE_DIR says) and looks at one file alone.  So the hash of all
 sources of the package, and of numba's version, is in the name under which a function is kept: with any of them changed
 it is another function.  Where no folder can be written to, every process compiles for itself, in a quarter of a minute
 or more.
@@ -9,6 +9,8 @@ Imported by `lab.fast.load` only, since it imports numba.
 """
 
 import hashlib
+import threading
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -20,7 +22,7 @@ from lab.fast import loop
 from lab.fast.kernel import kernel
 from lab.fast.normals import normals, seed, uniforms
 from lab.fast.offspring import SCHEMES
-from lab.fast.parts import EVERY_RUN, RESAMPLE_OTHERWISE, RESAMPLE_SYSTEMATIC, Part
+from lab.fast.parts import Part, parts_for
 from lab.fast.room import room
 
 __all__ = ["KEPT", "SCHEMES", "compile_loop", "compile_parts", "is_cold", "normals", "room", "run", "seed", "uniforms"]
@@ -33,7 +35,7 @@ def _fingerprint() -> str:
 
 
 FINGERPRINT = _fingerprint()
-USUAL = (RESAMPLE_SYSTEMATIC, *EVERY_RUN)  # in the order of the loop's arguments
+_compiling = threading.Lock()
 
 
 def _kept(function: Any) -> Any:
@@ -53,29 +55,37 @@ except RuntimeError:  # no folder can be written to
 
 def run(resample: str, *arguments: Any) -> int:
     """Run a filter with one of SCHEMES: `lab.fast.loop.run` without the addresses."""
-    parts = USUAL if resample == "systematic" else (RESAMPLE_OTHERWISE, *EVERY_RUN)
-    return _run(*(_made(part).address for part in parts), *arguments)  # type: ignore[no-any-return]
+    return _run(*(_made(part).address for part in parts_for(resample)), *arguments)  # type: ignore[no-any-return]
+
+
+def _made(part: Part) -> Any:
+    """Return the C function of a part, made once: another one would be at another address."""
+    with _compiling:
+        return _make(part)
 
 
 @cache
-def _made(part: Part) -> Any:
-    """Return the C function of a part, from disk where it is kept there."""
+def _make(part: Part) -> Any:
     return numba.cfunc(part.signature, cache=KEPT, **part.kernel.targetoptions)(_kept(part.kernel.py_func))
 
 
-def is_cold() -> bool:
-    """Whether anything that every run needs is yet to be compiled for the folder in which machine code is kept."""
-    functions = [loop.run, *(part.kernel.py_func for part in USUAL)]
+def is_cold(schemes: Iterable[str]) -> bool:
+    """Whether a function that runs with these schemes need is not kept yet, though it could be.
+
+    What is kept for another kind of processor counts, too, although it has to be compiled anew.
+    """
+    functions = [loop.run, *(part.kernel.py_func for scheme in schemes for part in parts_for(scheme))]
     needed = {f"{Path(each.__code__.co_filename).stem}.{_kept(each).__qualname__}" for each in functions}
     return KEPT and not needed <= {path.name.split("-")[0] for path in Path(_run.stats.cache_path).glob("*.nbi")}
 
 
 def compile_loop(*arguments: Any) -> None:
     """Compile the loop, but not its parts, for arguments of these types."""
-    _run.compile((numba.int64,) * len(USUAL) + tuple(map(numba.typeof, arguments)))
+    _run.compile((numba.int64,) * len(parts_for("systematic")) + tuple(map(numba.typeof, arguments)))
 
 
-def compile_parts() -> None:
-    """Compile what `compile_loop` does not, but for the schemes that are not usual."""
-    for part in USUAL:
-        _made(part)
+def compile_parts(schemes: Iterable[str]) -> None:
+    """Compile what `compile_loop` does not, as runs with these schemes need it."""
+    for scheme in schemes:
+        for part in parts_for(scheme):
+            _made(part)

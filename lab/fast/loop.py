@@ -46,8 +46,8 @@ COLLAPSED = 2.0  # an ESS below it: the mean goes where single particles go, so 
 FAINT = 52.0  # a million weights so far below that of the second heaviest block change no digit: exp(-52) = 3e-23
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
 
-resample, retire = RESAMPLE_SYSTEMATIC.at, RETIRE.at  # schemes take the same arguments
-add_moments, weigh, normals = ADD_MOMENTS.at, WEIGH.at, NORMALS.at
+resample, retire = RESAMPLE_SYSTEMATIC.caller(), RETIRE.caller()  # the address says which scheme it is
+add_moments, weigh, normals = ADD_MOMENTS.caller(), WEIGH.caller(), NORMALS.caller()
 
 
 @kernel()

@@ -177,12 +177,12 @@ def resample_systematic(
     before: Any,
     ancestors: Any,
 ) -> None:
-    """Draw `before` (n + 1) and `ancestors` (n) by the scheme that is usual; the other arrays are room to work in.
+    """Draw `before` (n + 1) and `ancestors` (n) by the usual scheme; the other arrays are room to work in.
 
     Parameters
     ----------
     scheme : int
-        SYSTEMATIC.
+        Not read: this is the signature of all schemes.
     weights : (blocks, LANES) array
         Finite, 0 in the lanes beyond the n particles; those of block b are to be multiplied by exp(tops[b] - largest).
         They are overwritten by sums.
@@ -195,6 +195,7 @@ def resample_systematic(
     state : (4, LANES) array
         Of the random stream.
     scratch, ends, points : (1, LANES), (blocks + 1,), (n + 1,) array
+        The points are for other schemes.
     before, ancestors : (n + 1,), (n + 1,) array of int
     """
     before[0] = 0
@@ -204,7 +205,7 @@ def resample_systematic(
 
 
 @kernel(from_python=True)
-def resample_otherwise(
+def resample_other(
     scheme: int,
     weights: Array,
     tops: Array,
@@ -217,7 +218,7 @@ def resample_otherwise(
     before: Any,
     ancestors: Any,
 ) -> None:
-    """Do the same by one of the other SCHEMES, which few ask for: to compile all of them takes as long again."""
+    """Do what `resample_systematic` does by another of SCHEMES: few ask for one, and they take as long to compile."""
     for i in range(n + 1):
         before[i] = 0
     last = cumulate(weights, tops, largest, ends)

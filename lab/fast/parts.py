@@ -1,24 +1,25 @@
 """Functions that the loop calls by their address, compiled by themselves.
 
 Question answered: why is not everything one piece of machine code?  One process compiles one function at a time, and a
-function is compiled with all that is linked into it.  So two processes at once take little more than half the time:
-one compiles the loop, the other these, which are about as much work.  A call costs next to nothing, since it is for a
-block of particles or all of them; but with an argument of another type it is an error, where a kernel would be compiled
-for it.
+function is compiled with all that is linked into it.  So two processes at once take half the time: one compiles the
+loop, the other these, which are about as much work.  A call costs next to nothing, since it is for a block of particles
+or all of them; but it takes arguments of the types that are written down here and no others.
 Called by `lab.fast.loop`; `lab.fast.compiled` makes them.
 """
 
-from typing import Any
+from typing import Any, cast
 
 from llvmlite import ir
 from numba import float64, int32, int64, uint64, void
-from numba.core.types import StarArgTuple
+from numba.core.errors import TypingError
+from numba.core.types import BaseTuple, Integer, IntegerLiteral, StarArgTuple
 from numba.extending import intrinsic
 
 from lab.fast import block, genealogy, normals, offspring, sums
 
 ROW, ROWS, BLOCKS = float64[::1], float64[:, ::1], float64[:, :, ::1]
 PLACES, STATE = int32[::1], uint64[:, ::1]
+WHOLE = {Integer, IntegerLiteral}  # kinds of types
 
 
 class Part:
@@ -35,13 +36,13 @@ class Part:
         self.kernel = kernel
         self.signature = void(*arguments)
 
-    @property
-    def at(self) -> Any:
-        """What another kernel calls: with the address, and then the arguments."""
-        signature = self.signature
-        given: Any = StarArgTuple
+    def caller(self) -> Any:
+        """Return what another kernel calls, with an address and the arguments: any part of this signature."""
+        signature, several = self.signature, cast(Any, StarArgTuple)
 
         def call(context: Any, address: Any, *arguments: Any) -> Any:
+            _check(signature.args, arguments)
+
             def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
                 address, packed = values
                 types = [context.get_value_type(type_) for type_ in signature.args]
@@ -50,14 +51,23 @@ class Part:
                 builder.call(builder.inttoptr(address, function), unpacked)
                 return context.get_dummy_value()
 
-            return signature.return_type(int64, given(signature.args)), generate
+            return signature.return_type(int64, several(signature.args)), generate
 
         return intrinsic(call)
 
 
+def _check(wanted: Any, given: Any) -> None:
+    """Raise a TypingError where other bits would be read than are meant; whole numbers may have any size."""
+    given = given[0] if len(given) == 1 and isinstance(given[0], BaseTuple) else given
+    pairs = zip(given, wanted, strict=False)
+    fit = [one == other or {type(one), type(other)} <= WHOLE for one, other in pairs]
+    if len(given) != len(wanted) or not all(fit):
+        raise TypingError(f"A part takes {wanted}, not {tuple(given)}.")
+
+
 OFFSPRING = (int64, ROWS, ROW, float64, int64, STATE, ROWS, ROW, ROW, PLACES, PLACES)
 RESAMPLE_SYSTEMATIC = Part(offspring.resample_systematic, *OFFSPRING)
-RESAMPLE_OTHERWISE = Part(offspring.resample_otherwise, *OFFSPRING)  # compiled when it is asked for
+RESAMPLE_OTHER = Part(offspring.resample_other, *OFFSPRING)
 ADD_MOMENTS = Part(
     sums.add_moments,
     *(BLOCKS, ROWS, ROWS, float64, ROWS, PLACES, int64, int64, int64, int64),
@@ -69,4 +79,9 @@ WEIGH = Part(
 )
 NORMALS = Part(normals.normals, STATE, ROWS, int64)
 RETIRE = Part(genealogy.retire, BLOCKS, BLOCKS, ROWS, PLACES, int64, int64)
-EVERY_RUN = (ADD_MOMENTS, WEIGH, NORMALS, RETIRE)
+
+
+def parts_for(resample: str) -> tuple[Part, ...]:
+    """Return what a run with this scheme calls, in the order of the loop's arguments."""
+    scheme = RESAMPLE_SYSTEMATIC if resample == "systematic" else RESAMPLE_OTHER
+    return scheme, ADD_MOMENTS, WEIGH, NORMALS, RETIRE

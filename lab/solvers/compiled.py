@@ -4,6 +4,7 @@ Question answered: what does a particle filter do for backend="numba"?  It hands
 room for the answer, and puts the rows of the state back in their order.  Called by `lab.solvers.particle`.
 """
 
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -19,10 +20,10 @@ from lab.validation import InputError
 LEAST: dict[str, Any] = {"proposal": prior, "n_particles": 1, "ess_threshold": 0.0}
 
 
-def is_cold() -> bool:
-    """Whether a first run would have to compile the loop for this machine."""
+def is_cold(schemes: Iterable[str]) -> bool:
+    """Whether a first run with one of these schemes would have to compile the loop or a part of it."""
     kernels = fast.load()
-    return kernels is not None and kernels.is_cold()
+    return kernels is not None and kernels.is_cold(schemes)
 
 
 @cache
@@ -32,7 +33,7 @@ def warm(resample: str = "systematic") -> None:
 
 
 def compile_loop() -> None:
-    """Do of `warm` what does not need the parts of the loop, which another process may be compiling."""
+    """Do what `warm` does first: the loop without its parts, which another process may be compiling."""
     kernels: Any = fast.load()
     arguments, _ = _arguments(kernels, _nothing(), np.random.default_rng(0), resample="systematic", **LEAST)
     kernels.compile_loop(*arguments)

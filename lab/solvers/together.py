@@ -66,7 +66,7 @@ def together(solver: Solver, n_particles: int) -> Together | None:
 def prepare(solver: Solver, n_particles: int) -> None:
     """Load the kernels that a run of this solver needs, so that the time of the first run is its own."""
     if in_kernels(solver, n_particles):
-        compiled.warm(_scheme(solver))
+        compiled.warm(scheme_of(solver))
 
 
 def in_kernels(solver: Solver, n_particles: int) -> bool:
@@ -78,10 +78,11 @@ def in_kernels(solver: Solver, n_particles: int) -> bool:
         A backend that is unknown, or that cannot run this.
     """
     function, given = _taken_apart(solver)
-    return function in OURS and is_compiled(given.get("backend", "numpy"), n_particles, _scheme(solver))
+    return function in OURS and is_compiled(given.get("backend", "numpy"), n_particles, scheme_of(solver))
 
 
-def _scheme(solver: Solver) -> Any:
+def scheme_of(solver: Solver) -> Any:
+    """Return the resampling scheme that one of our filters is given: a name, or a student's function."""
     return _taken_apart(solver)[1].get("resample", "systematic")
 
 
