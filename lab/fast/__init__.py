@@ -10,7 +10,8 @@ out: nothing here knows of robots.
     moments      sums over a block            sums        mean and covariance of them
     room         the memory of a run          loop        a whole run
     parts        what the loop calls by address, compiled by itself
-    compiled     the run and its parts as functions kept on disk
+    keeping      machine code on disk, whatever befalls it
+    compiled     the run and its parts as functions kept there
 """
 
 import warnings
@@ -25,8 +26,8 @@ def load() -> ModuleType | None:
     Warns
     -----
     RuntimeWarning
-        numba is missing or does not import, so that there are no kernels; or no folder can be written to, so that every
-        process compiles them for itself.
+        numba is missing or does not import, so that there are no kernels; or no folder can be written to or has
+        room for them, so that every process compiles them for itself.
     """
     try:
         from lab.fast import compiled
@@ -37,7 +38,10 @@ def load() -> ModuleType | None:
         _say(f"numba cannot be imported ({type(error).__name__}: {error}); numpy takes its place")
         return None
     if not compiled.KEPT:
-        _say("no folder for kernels can be written to, so every process compiles its own; NUMBA_CACHE_DIR names one")
+        _say(
+            "no folder for kernels can be written to, or it is full, so every process compiles its own;"
+            " NUMBA_CACHE_DIR names another"
+        )
     return compiled
 
 

@@ -3,8 +3,8 @@
 Question answered: when must kernels be compiled anew?  numba keeps machine code beside the source (in `__pycache__`, or
 in the user's cache folder, or where NUMBA_CACHE_DIR says) and looks at one file alone.  So the hash of all
 sources of the package, and of numba's version, is in the name under which a function is kept: with any of them changed
-it is another function.  Where no folder can be written to, every process compiles for itself, in a quarter of a minute
-or more.
+it is another function.  Where no folder can be written to, or none has room, every process compiles for itself, in a
+quarter of a minute or more.
 Imported by `lab.fast.load` only, since it imports numba.
 """
 
@@ -17,8 +17,10 @@ from types import FunctionType
 from typing import Any
 
 import numba
+from numba.core.ccallback import CFunc
 
 from lab.fast import loop
+from lab.fast.keeping import has_room, keep
 from lab.fast.kernel import kernel
 from lab.fast.normals import normals, seed, uniforms
 from lab.fast.offspring import SCHEMES
@@ -38,19 +40,22 @@ FINGERPRINT = _fingerprint()
 _compiling = threading.Lock()
 
 
-def _kept(function: Any) -> Any:
+def _named(function: Any) -> Any:
     """Return a function under a name that says from which sources it is made: what is kept on disk is kept by name."""
     same = FunctionType(function.__code__, function.__globals__, function.__name__)
     same.__qualname__ = f"{function.__name__}_{FINGERPRINT}"
     return same
 
 
-_run = kernel(from_python=True)(_kept(loop.run))
-try:
-    _run.enable_caching()
-    KEPT = True
-except RuntimeError:  # no folder can be written to
-    KEPT = False
+def _are_kept(schemes: Iterable[str]) -> bool:
+    """Whether all functions that runs with these schemes need are on disk, be it for another kind of processor."""
+    functions = [loop.run, *(part.kernel.py_func for scheme in schemes for part in parts_for(scheme))]
+    needed = {f"{Path(each.__code__.co_filename).stem}.{_named(each).__qualname__}" for each in functions}
+    return needed <= {path.name.split("-")[0] for path in Path(_run.stats.cache_path).glob("*.nbc")}
+
+
+_run = kernel(from_python=True)(_named(loop.run))
+KEPT = keep(_run, _run.py_func) and (_are_kept(["systematic"]) or has_room(_run.stats.cache_path))
 
 
 def run(resample: str, *arguments: Any) -> int:
@@ -66,7 +71,11 @@ def _made(part: Part) -> Any:
 
 @cache
 def _make(part: Part) -> Any:
-    return numba.cfunc(part.signature, cache=KEPT, **part.kernel.targetoptions)(_kept(part.kernel.py_func))
+    function, (taken, returned) = _named(part.kernel.py_func), (part.signature.args, part.signature.return_type)
+    made = CFunc(function, (taken, returned), {}, part.kernel.targetoptions)
+    keep(made, function)
+    made.compile()
+    return made
 
 
 def is_cold(schemes: Iterable[str]) -> bool:
@@ -74,9 +83,7 @@ def is_cold(schemes: Iterable[str]) -> bool:
 
     What is kept for another kind of processor counts, too, although it has to be compiled anew.
     """
-    functions = [loop.run, *(part.kernel.py_func for scheme in schemes for part in parts_for(scheme))]
-    needed = {f"{Path(each.__code__.co_filename).stem}.{_kept(each).__qualname__}" for each in functions}
-    return KEPT and not needed <= {path.name.split("-")[0] for path in Path(_run.stats.cache_path).glob("*.nbi")}
+    return KEPT and not _are_kept(schemes)
 
 
 def compile_loop(*arguments: Any) -> None:
