@@ -8,6 +8,7 @@ Called by `lab.solvers.compiled`.
 """
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,22 +47,25 @@ def room(n: int, d: int, a: int, p: int, e: int) -> list[Any]:
     vectors : (5, d) array
     wanted : (d,) array of int32
     """
-    blocks = -(-n // LANES)
-    return _cut(
-        *((2, blocks * LANES * a), (2, blocks, LANES), (d, blocks * LANES + PAD), (n + 1,), (blocks + 1,)),
-        *((COUNTS, n + 1, np.int32), (blocks,), (d, LANES), (d, LANES)),
-        *((e + 2, LANES), (p + 1, LANES), (a + 1, LANES), (LANES, np.uint64), (d, d), (5, d), (d, np.int32)),
-    )
-
-
-def _cut(*shapes: tuple[Any, ...]) -> list[Any]:
-    """Return arrays of these shapes, of doubles where none is followed by another type, out of one piece of memory."""
-    whole, layout = 0, []
-    for shape in shapes:
-        type_: Any = np.dtype(float if isinstance(shape[-1], int) else shape[-1])
-        sizes = shape if isinstance(shape[-1], int) else shape[:-1]
-        layout.append((whole, sizes, type_))
-        whole += -(-math.prod(sizes) * type_.itemsize // LINE) * LINE
+    whole, layout = _layout(n, d, a, p, e)
     memory = np.empty(whole + LINE, np.uint8)
     first = -memory.ctypes.data % LINE
     return [np.ndarray(sizes, type_, memory, first + begin) for begin, sizes, type_ in layout]
+
+
+@lru_cache(64)
+def _layout(n: int, d: int, a: int, p: int, e: int) -> tuple[int, list[tuple[int, tuple[int, ...], Any]]]:
+    """Return how many bytes the arrays take, and where each begins, its shape and its type."""
+    blocks, double = -(-n // LANES), np.dtype(float)
+    arrays: list[tuple[tuple[int, ...], Any]] = [
+        *(((2, blocks * LANES * a), double), ((2, blocks, LANES), double), ((d, blocks * LANES + PAD), double)),
+        *(((n + 1,), double), ((blocks + 1,), double), ((COUNTS, n + 1), np.dtype(np.int32)), ((blocks,), double)),
+        *(((d, LANES), double), ((d, LANES), double)),
+        *(((e + 2, LANES), double), ((p + 1, LANES), double), ((a + 1, LANES), double)),
+        *(((LANES,), np.dtype(np.uint64)), ((d, d), double), ((5, d), double), ((d,), np.dtype(np.int32))),
+    ]
+    whole, layout = 0, []
+    for sizes, type_ in arrays:
+        layout.append((whole, sizes, type_))
+        whole += -(-math.prod(sizes) * type_.itemsize // LINE) * LINE
+    return whole, layout

@@ -70,7 +70,7 @@ def run(
     if not np.isfinite(means).all():
         raise InputError("A particle is NaN or infinite.")
     back = np.argsort(plan(problem, proposal).order)
-    return Filtered(means[:, back], covs[:, back][:, :, back], *others)
+    return Filtered(means[:, back], covs[:, back[:, np.newaxis], back], *others)
 
 
 def _arguments(
