@@ -3,7 +3,7 @@
 import sys
 
 import numpy as np
-from worker import serve
+from worker import peak_megabytes, serve
 
 from lab.solvers import smooth_map, smoother
 from lab.solvers.structured import MapFilter
@@ -57,8 +57,9 @@ def rauch_tung_striebel(state):
 
 
 if what == "structured":
+    before = peak_megabytes()
     begin = walk()  # later calls go on from where the first one ended: other numbers, the same work, and no copy
-    serve(lambda: begin, filter_structured, answer)
+    serve(lambda: begin, filter_structured, answer, before)
 elif what == "eliminate":
     serve(lambda: None, eliminate, answer)
 else:

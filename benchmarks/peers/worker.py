@@ -27,7 +27,7 @@ def peak_megabytes():
         return None
 
 
-def serve(prepare, act, answer_to):
+def serve(prepare, act, answer_to, before=None):
     """Work until the input ends.
 
     Parameters
@@ -38,10 +38,12 @@ def serve(prepare, act, answer_to):
         The work; returns a dictionary of arrays.
     answer_to : str
         The .npz file for the first answer.
+    before : float, optional
+        The peak memory before anything was computed [MB]; that of now.
     """
     lines = os.fdopen(os.dup(1), "w")  # a library that prints must not end up between the lines of JSON
     os.dup2(2, 1)
-    before = peak_megabytes()
+    before = peak_megabytes() if before is None else before
     state = prepare()
     start = time.perf_counter()
     answer = act(state)
