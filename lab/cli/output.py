@@ -10,7 +10,6 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +121,8 @@ def describe(
     also : tuple of str
         Packages used this time, whose versions matter.
     """
+    from importlib.metadata import version  # reads much that --help need not wait for
+
     given = {name: value for name, value in arguments.items() if value is not None and value is not False}
     words = [word for name, value in given.items() for word in _typed(name, value)]
     return {
