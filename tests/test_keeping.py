@@ -72,6 +72,13 @@ def test_a_damaged_file_is_replaced(compiled, tmp_path, name):
     assert compiled() == FOUND
 
 
+def test_what_is_kept_is_loaded_without_what_compiles(compiled):
+    """numba's implementations of Python take longer to import than kernels take to load."""
+    asked = TWICE + "import sys\nprint('numba.typed.typeddict' in sys.modules)"
+    assert compiled(asked) == [*MADE, "True"]
+    assert compiled(asked) == [*FOUND, "False"]
+
+
 FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))\n"  # bytes of a file
 
 
