@@ -18,15 +18,12 @@ from typing import Any
 import joblib
 
 import lab
+from lab.errors import ClusterError
 from lab.execution import DIED, Execute, Item, Result
 from lab.validation import InputError
 
 ADDRESS = r"(\w+://)?[^/\s]+:\d+"
 CONNECTING = 10.0  # seconds
-
-
-class ClusterError(Exception):
-    """The cluster went away under the work: one sentence."""
 
 
 @contextmanager

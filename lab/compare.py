@@ -21,6 +21,7 @@ from lab.execution import Execute
 from lab.metrics import Metrics
 from lab.problem import Problem, require_problem
 from lab.progress import progress_bar
+from lab.result import Filtered
 from lab.solvers import Solver, kalman
 from lab.solvers.particle import guided, rbpf, sir, sis
 from lab.solvers.together import in_kernels, scheme_of
@@ -43,6 +44,7 @@ def compare(
     jobs: int = 1,
     keep_moments: bool = False,
     progress: bool = False,
+    exact: Callable[[Problem], Filtered] = kalman,
     execute: Execute | None = None,
     on_done: Callable[[Record], None] | None = None,
 ) -> Comparison:
@@ -67,6 +69,8 @@ def compare(
         Keep the moments of all runs, not only of the first on the first data set.
     progress : bool
         Show a bar, on a terminal or in a notebook.
+    exact : function of Problem
+        Gives what filters are measured against.
     execute : Execute, optional
         Another way to run the units than `jobs` says, of `lab.execution` or `lab.sweep`.
     on_done : function of Record, optional
@@ -92,7 +96,7 @@ def compare(
     with ExitStack() as stack:
         if execute is None:
             execute = stack.enter_context(way_to_run(solvers, max(unit.n_particles for unit in units), jobs))
-        exacts = tuple(map(kalman, problems))
+        exacts = tuple(map(exact, problems))
         work = Work(problems, exacts, dict(solvers), keep_moments)
         if progress:
             advance = stack.enter_context(progress_bar("comparing", sum(u.n_particles + OVERHEAD for u in units)))
@@ -167,14 +171,17 @@ def designs(solvers: Mapping[str, Solver]) -> dict[str, tuple[str, float]]:
 
 
 def partial_comparison(
-    problems: Sequence[Problem], solvers: Mapping[str, Solver], records: Sequence[Record]
+    problems: Sequence[Problem],
+    solvers: Mapping[str, Solver],
+    records: Sequence[Record],
+    exact: Callable[[Problem], Filtered] = kalman,
 ) -> Comparison:
     """Return what some finished records amount to."""
     labels = list(solvers)
     order = sorted(
         records, key=lambda r: (r.unit.data_set, labels.index(r.unit.solver), r.unit.n_particles, r.unit.run)
     )
-    return Comparison(tuple(problems), tuple(map(kalman, problems)), tuple(order), designs(solvers))
+    return Comparison(tuple(problems), tuple(map(exact, problems)), tuple(order), designs(solvers))
 
 
 def _data_sets(given: Problem | Sequence[Problem]) -> tuple[Problem, ...]:

@@ -9,16 +9,18 @@ Made by `lab.compare`, kept by `lab.sweep`, drawn by `lab.plots.comparison`.  So
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from lab.metrics import Metrics
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.theory import forecast, relative_log_variance
 from lab.validation import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -82,18 +84,22 @@ class Comparison:
     designs: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     @cached_property
-    def runs(self) -> pd.DataFrame:
+    def runs(self) -> "pd.DataFrame":
         """One row per unit: data_set, solver, n_particles, run, seed, the metrics, and the error if it failed."""
+        import pandas as pd
+
         rows = [{**vars(r.unit), **vars(r.metrics), "error": r.error} for r in self.records]
         table = pd.DataFrame(rows)
         return table[["data_set", *table.columns.drop("data_set")]]
 
-    def summary(self) -> pd.DataFrame:
+    def summary(self) -> "pd.DataFrame":
         """One row per solver and N: means over the runs that succeeded, with standard errors.
 
         A standard error is that of the means of the data sets where there are several, else that of the runs.
         `collapsed_at` is the median over the runs that collapsed, NaN when none did.
         """
+        import pandas as pd  # here: runs need it not, and it takes longer to import than all else
+
         rows = []
         for (solver, n_particles), group in self.runs.groupby(["solver", "n_particles"], sort=False):
             good = group[group["error"] == ""]

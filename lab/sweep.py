@@ -20,10 +20,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from lab.comparison import Comparison, Record, Unit
 from lab.execution import Execute
@@ -32,6 +31,9 @@ from lab.records.files import TEMPORARY, atomic_path, exclusive
 from lab.result import Filtered
 from lab.units import Batch
 from lab.validation import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FOLDER = "unfinished"
 CONFIG = "config.json"
@@ -179,12 +181,14 @@ def resumable(execute: Execute, unfinished: Unfinished) -> Execute:
     return run  # type: ignore[return-value]
 
 
-def moments_table(comparison: Comparison) -> pd.DataFrame:
+def moments_table(comparison: Comparison) -> "pd.DataFrame":
     """Return one row per data set, solver, N, run and instant whose moments were kept, and per instant of the exact.
 
     Columns: data_set, solver ("exact" with N = 0 for the Kalman filter), n_particles, run, k, log_evidence, ess,
     survivors, mean (n values [m]) and cov (n x n values [m^2], row by row).
     """
+    import pandas as pd
+
     tables = [
         _instants(exact, {"data_set": i, "solver": "exact", "n_particles": 0, "run": 0})
         for i, exact in enumerate(comparison.exacts)
@@ -197,7 +201,9 @@ def moments_table(comparison: Comparison) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def _instants(filtered: Filtered, unit: dict[str, Any]) -> pd.DataFrame:
+def _instants(filtered: Filtered, unit: dict[str, Any]) -> "pd.DataFrame":
+    import pandas as pd
+
     none = np.full(len(filtered.means), np.nan)
     return pd.DataFrame(
         {

@@ -94,6 +94,20 @@ def test_figures_are_pictures_that_say_what_they_show(compared):
             assert words.get(picture.stem, "") in image.text["Description"]
 
 
+def test_what_filters_are_compared_with_is_filterpys_answer(here, no_pictures):
+    """To 1e-9, though it is computed in another form."""
+    call("compare", "--solvers", "sir", "--particles", "5", "--runs", "1", "--moments", "--out", "a")
+    table = pd.read_parquet("a/moments.parquet")
+    exact, theirs = (
+        table[table["solver"] == "exact"],
+        kalman(Experiment.load("a/experiment.npz").problem, method="dense"),
+    )
+    assert exact["k"].tolist() == list(range(len(theirs.means)))
+    for name, values in (("mean", theirs.means), ("cov", theirs.covs), ("log_evidence", theirs.log_evidence)):
+        found = np.array(exact[name].tolist())
+        np.testing.assert_allclose(found, values.reshape(found.shape), rtol=1e-9, atol=1e-11)
+
+
 def test_the_experiment_is_kept(compared):
     kept = Experiment.load(compared[0] / "experiment.npz")
     simulated = Experiment.from_simulation(data_simulation(scenario=TWO_LANDMARKS, rng=7))

@@ -200,6 +200,22 @@ def test_help_imports_nothing_heavy():
     assert done.stderr == "[]\n"
 
 
+@pytest.mark.parametrize(
+    ("ran", "not_needed"),
+    [
+        ("import lab.work", {"pandas", "filterpy", "scipy.stats", "joblib", "matplotlib"}),  # a worker process
+        (
+            "from lab.cli.app import app; app(['compare', '--particles', '5', '--runs', '1'], standalone_mode=False)",
+            {"filterpy", "scipy.stats", "joblib", "matplotlib"},
+        ),
+    ],
+)
+def test_a_comparison_imports_what_it_needs(here, ran, not_needed):
+    code = f"import sys; {ran}; print(sorted({not_needed} & {{*sys.modules}}), file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=here, capture_output=True, text=True, check=True)
+    assert done.stderr.splitlines()[-1] == "[]"
+
+
 @posix
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_comparison_that_nobody_listens_to(here, jobs):

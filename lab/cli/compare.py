@@ -8,7 +8,7 @@ import typer
 
 from lab.cli import options
 from lab.cli.options import Backend, ExperimentFile, LandmarkNoise, OutputFolder, ScenarioName, Seed
-from lab.errors import InputError
+from lab.errors import ClusterError, InputError
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -148,12 +148,14 @@ def _execution(
     from contextlib import nullcontext
     from functools import partial
 
-    from lab import cluster, execution
+    from lab import execution
     from lab.compare import way_to_run
 
     if jobs < 1 and jobs != -1:
         raise InputError(f"--jobs must be at least 1, or -1 for one per processor, not {jobs}.")
     if address is not None:
+        from lab import cluster  # brings joblib
+
         return cluster.connect(address, options.compiled_with(solvers))
     if options.student_files(solvers):
         return nullcontext(partial(execution.processes, jobs=jobs))
@@ -168,12 +170,16 @@ def _run(
     unfinished: "Unfinished | None",
 ) -> "Comparison":
     """Compare behind a progress bar; a stop leaves what is finished, and says so."""
+    from functools import partial
+
     import lab.compare
     from lab.cli import tables
     from lab.cli.output import RunError, Stopped, deaf_reader
-    from lab.cluster import ClusterError
+    from lab.solvers import kalman
     from lab.sweep import resumable
 
+    # the form that needs no FilterPy, the import of which takes as long as a thousand of its steps
+    exact = partial(kalman, method="structured")
     problems = [source.problem for source in sources]
     records: list[Record] = []
     settings = {"n_particles": options.parse_particles(asked["particles"]), "runs": asked["runs"]}
@@ -187,6 +193,7 @@ def _run(
             seed=asked["seed"],
             keep_moments=asked["moments"],
             progress=True,
+            exact=exact,
             execute=execute,
             on_done=records.append,
         )
@@ -195,7 +202,7 @@ def _run(
             raise
         n_units = len(problems) * len(solvers) * len(settings["n_particles"]) * settings["runs"]
         with deaf_reader():
-            tables.print_comparison(lab.compare.partial_comparison(problems, solvers, records))
+            tables.print_comparison(lab.compare.partial_comparison(problems, solvers, records, exact))
         share = f"{len(records)} of {n_units} runs are finished"
         kept = f"kept in {unfinished.folder}; --resume goes on with the others" if unfinished else "in the table"
         if isinstance(error, ClusterError):

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd  # before anything runs: a Ctrl-C while it is read would leave no table, and it would slow runs down
+
 from lab.cli.output import console
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from lab.comparison import Comparison
     from lab.validation import Array
 
@@ -55,8 +55,6 @@ def print_moments(table: "pd.DataFrame", lines: Sequence[str]) -> None:
 
 
 def _cell(value: Any, error: float, digits: int) -> str:
-    import pandas as pd
-
     text = "-" if pd.isna(value) else _number(value, digits) if digits else str(value)
     return text if pd.isna(error) else f"{text} ({_number(error, 2)})"
 
