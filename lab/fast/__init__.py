@@ -8,7 +8,8 @@ out: nothing here knows of robots.
     normals      the random stream            block       a step of 256 particles
     genealogy    rows kept once per ancestor  offspring   resampling
     moments      sums over a block            sums        mean and covariance of them
-    room         the memory of a run          loop        a whole run
+    dropping     who need not go on           room        the memory of a run
+    loop         a whole run
     parts        what the loop calls by address, compiled by itself
     keeping      machine code on disk, whatever befalls it
     compiled     the run and its parts as functions kept there

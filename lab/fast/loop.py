@@ -11,7 +11,8 @@ guided and the Rao-Blackwellized filter are the same loop on other matrices.  Th
                  far, and the sums are scaled when a larger one appears
     genealogy    rows that no step touches any more are the same for all descendants of one particle, so they are kept
                  once per living ancestor; descendants stay neighbours, since ancestors come in ascending order
-    one buffer   resampled particles are fetched by the step that moves them
+    one buffer   resampled particles are fetched by the step that moves them, and so are those that move up where
+                 others need not go on
 
 The log-weights of the lanes beyond the last particle are -inf.  Called by `lab.fast.compiled`.
 """
@@ -35,6 +36,7 @@ from lab.fast.block import (
     weigh_point,
     weights_of,
 )
+from lab.fast.dropping import end_early, leave_out, weigh_nothing
 from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup
 from lab.fast.kernel import kernel, wide
 from lab.fast.normals import LANES
@@ -93,6 +95,7 @@ def run(
     draw_first: bool,
     threshold: float,
     scheme: int,
+    least: Array,
     means: Array,
     covs: Array,
     log_evidence: Array,
@@ -148,6 +151,9 @@ def run(
         Resample when ESS <= threshold * N.
     scheme : int
         Of `lab.fast.offspring.SCHEMES`.
+    least : (2, T + 1) array
+        -inf where anything is resampled.  Of each instant, as log p(z_1..z_k) + log w: the weight that the heaviest
+        particle needs for moments to be taken, and the one that each needs to go on from there.
     means, covs, log_evidence, ess, survivors : (T + 1, d), (T + 1, d, d), (T + 1,), (T + 1,), (T + 1,) array
     clouds, ... wanted : array
         Of `lab.fast.room.room`.
@@ -185,6 +191,19 @@ def run(
         spread_k = spread[step] if k else spread_0
         resampled = k > 0 and ess[k - 1] <= threshold * n * (1 + ROUNDING)
         collapsed = k > 0 and ess[k - 1] < COLLAPSED
+        left = n
+        if k and least[1, k - 1] > -np.inf:
+            # what the logarithms leave out is the evidence without the last step's, which they still have
+            needed = least[1, k - 1] - (log_evidence[k - 1] - log_total)
+            left = leave_out(logs, static, active, n, needed, ancestors)
+            if left == 0:
+                end_early(k, extra, means, covs, log_evidence, ess, survivors, totals)
+                return 0
+        dropped = left < n
+        if dropped:
+            n, blocks, n_groups, starts = left, (left + LANES - 1) // LANES, left, starts[: left + 1]
+            x, other = other, x
+            flat = other.reshape(-1)
         if k and sizes[step, 2] < active:
             active = sizes[step, 2]
             size = blocks * active * LANES
@@ -213,7 +232,7 @@ def run(
         for i in range(active):
             for r in range(p):
                 bare &= K_k[i, r] == 0.0
-        largest, second_largest, least, heaviest = -np.inf, -np.inf, SMALLEST, 0
+        largest, second_largest, faintest, heaviest = -np.inf, -np.inf, SMALLEST, 0
         for attempt in range(3):
             clear(totals, first, second)
             group: Any = np.int64(0)  # to numba, 0 is a type of its own, and what takes it would be compiled twice
@@ -221,13 +240,13 @@ def run(
                 groups = count_groups(starts, n_groups, group, b) if active < d else 1
                 point = bare and groups == 1
                 # a block whose weights are next to nothing adds nothing
-                summed = not collapsed if attempt == 0 else tops[b] - largest > least
+                summed = not collapsed if attempt == 0 else tops[b] - largest > faintest
                 if attempt == 0:
                     normals(normals_at, state, noise, e)
                     if k == 0:
                         fill_mean(x, m0, b)
                         draw_static(static, m0, spread_0, noise, b, active)
-                    elif resampled:
+                    elif resampled or dropped:
                         fetch(x, flat, ancestors, b, n, active, places)
                 for j in range(active, d):
                     if (groups > DENSE and summed) or (wanted[j] > 0 and attempt == 0 and not point):
@@ -266,8 +285,11 @@ def run(
                         active, weighted, shared, part, first, second,
                     )  # fmt: skip
                 group = next_group(starts, n_groups, group, groups, b) if active < d else 0
+            if k and largest + log_evidence[k - 1] < least[0, k]:
+                weigh_nothing(centre, extra[k], mean_k, cov_k, totals)
+                break
             if attempt == 0 and collapsed:
-                least = max(least, second_largest - largest - FAINT)
+                faintest = max(faintest, second_largest - largest - FAINT)
                 # what weighs anything is near this one, and further from where the mean was expected
                 for lane in range(LANES):
                     if logs[heaviest, lane] == largest:

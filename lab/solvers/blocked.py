@@ -97,7 +97,7 @@ def run(
             raise InputError("A particle is NaN or infinite.")
         ess[k] = [total**2 / (row @ row) for total, row in zip(totals, w, strict=True)]
         survivors[k] = cloud.survivors(runs)
-    back = np.argsort(laws.order)
+    back = laws.back
     covs += laws.extra[:, np.newaxis]
     means, covs = means[..., back], covs[..., back][..., back, :]
     return [Filtered(means[:, i], covs[:, i], log_evidence[:, i], ess[:, i], survivors[:, i]) for i in range(runs)]

@@ -12,6 +12,7 @@ Called by `lab.solvers.blocked` and `lab.solvers.compiled`.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -60,6 +61,11 @@ class Plan:
     constants: Array
     extra: Array
     draw_first: bool
+
+    @cached_property
+    def back(self) -> Any:
+        """Where each row of the state is in `order`: (n,) array of int."""
+        return np.argsort(self.order)
 
 
 _plans: WeakKeyDictionary[Problem, dict[GaussianProposal, Plan]] = WeakKeyDictionary()  # problems never change
