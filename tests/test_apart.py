@@ -182,7 +182,8 @@ def test_nothing_is_drawn_for_who_does_not_go_on(kernels):
 
 def test_who_goes_on_moves_up(kernels):
     """What boolean indexing says, when that saves a block, and nothing otherwise."""
-    numba = pytest.importorskip("numba")
+    import numba
+
     from lab.fast.dropping import leave_out
 
     called = numba.njit(lambda *given: leave_out(*given))
