@@ -77,7 +77,7 @@ def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, tur
 
 @kernel()
 def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int, places: Any) -> None:
-    """Copy the ancestors of the particles of block b from `old`, all blocks in one row.
+    """Copy the ancestors of the particles of block b from `old`, all blocks in one row, which may be in part the same.
 
     `places` (LANES,) is room for where they are.
     """

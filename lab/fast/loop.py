@@ -12,7 +12,7 @@ guided and the Rao-Blackwellized filter are the same loop on other matrices.  Th
     genealogy    rows that no step touches any more are the same for all descendants of one particle, so they are kept
                  once per living ancestor; descendants stay neighbours, since ancestors come in ascending order
     one buffer   resampled particles are fetched by the step that moves them, and so are those that move up where
-                 others need not go on
+                 others need not go on; they are written over the ones before, which have been read by then
 
 The log-weights of the lanes beyond the last particle are -inf.  Called by `lab.fast.compiled`.
 """
@@ -39,6 +39,7 @@ from lab.fast.block import (
 from lab.fast.dropping import end_early, leave_out, weigh_nothing
 from lab.fast.genealogy import count_groups, keep, lay_out, next_group, regroup
 from lab.fast.kernel import kernel, wide
+from lab.fast.memory import CACHED, ahead, below, beside
 from lab.fast.normals import LANES
 from lab.fast.parts import ADD_MOMENTS, NORMALS, RESAMPLE_SYSTEMATIC, RETIRE, WEIGH
 from lab.fast.sums import DENSE, clear, finish, rescale
@@ -166,7 +167,8 @@ def run(
     wide()
     T, d, a = len(means) - 1, len(m0), len(B)
     blocks = (n + LANES - 1) // LANES
-    x, other = clouds[0].reshape((blocks, a, LANES)), clouds[1].reshape((blocks, a, LANES))
+    memory, at = clouds.reshape(-1), clouds.shape[1]
+    x = memory[at:].reshape((blocks, a, LANES))
     weights, logs = by_block[0], by_block[1]
     starts, founders, before, ancestors, kept = counts[0], counts[1], counts[2], counts[3], counts[4]
     active, n_groups, n_founders = a, n, n
@@ -178,7 +180,7 @@ def run(
     centre, shared, part, first, totals = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
     for i in range(d):
         centre[i] = m0[i]
-    turning, flat = turns(F, n_moving), other.reshape(-1)
+    turning = turns(F, n_moving)
     even = -math.log(n)
     logs[blocks - 1] = -np.inf
     fill_even(logs, n, even)
@@ -202,15 +204,13 @@ def run(
         dropped = left < n
         if dropped:
             n, blocks, n_groups, starts = left, (left + LANES - 1) // LANES, left, starts[: left + 1]
-            x, other = other, x
-            flat = other.reshape(-1)
         if k and sizes[step, 2] < active:
+            source, at = beside(at, x.size, blocks * sizes[step, 2] * LANES, memory)
+            x = memory[source : source + x.size].reshape((blocks, active, LANES))
             active = sizes[step, 2]
-            size = blocks * active * LANES
-            flat = x.reshape(-1)[:size]
-            other = other.reshape(-1)[:size].reshape((blocks, active, LANES))
-            retire(retire_at, x, other, static, starts, n_groups, n)
-            x, other, n_groups = other, flat.reshape((blocks, active, LANES)), n
+            own = memory[at : at + blocks * active * LANES].reshape((blocks, active, LANES))
+            retire(retire_at, x, own, static, starts, n_groups, n)
+            x, n_groups = own, n
         if resampled:
             resample(resample_at, scheme, weights, tops, largest, n, state, scratch, ends, points, before, ancestors)
             n_founders = regroup(founders, n_founders, before, n, kept)
@@ -219,8 +219,12 @@ def run(
                 keep(static, active, kept, n_groups)
             fill_even(logs, n, even)
             log_total = 0.0
-            x, other = other, x
-            flat = other.reshape(-1)
+        source, fetched = at, dropped or resampled
+        if fetched:
+            source, at = below(at, x.size, ancestors, blocks, active, memory)
+            x = memory[at : at + blocks * active * LANES].reshape((blocks, active, LANES))
+        old = memory[source:]
+        far = k > 0 and blocks * active * LANES > CACHED
         if k:
             expect(means[k - 1], F, B, n_moving, z_k, H_k, K_k, p, centre, y)
         for j in range(active, d):
@@ -246,8 +250,8 @@ def run(
                     if k == 0:
                         fill_mean(x, m0, b)
                         draw_static(static, m0, spread_0, noise, b, active)
-                    elif resampled or dropped:
-                        fetch(x, flat, ancestors, b, n, active, places)
+                    elif fetched:
+                        fetch(x, old, ancestors, b, n, active, places)
                 for j in range(active, d):
                     if (groups > DENSE and summed) or (wanted[j] > 0 and attempt == 0 and not point):
                         lay_out(rows, static, starts, n_groups, group, groups, b, j)
@@ -280,9 +284,10 @@ def run(
                 if summed and largest > -np.inf:
                     tops[b] = largest
                     total = weights_of(logs, b, largest, weights, totals)
+                    following, end = ahead(b, fetched, ancestors, n, blocks, active) if far and attempt == 0 else (0, 0)
                     add_moments(
-                        add_moments_at, x, rows, weights, total, static, starts, n_groups, group, groups, b, centre,
-                        active, weighted, shared, part, first, second,
+                        add_moments_at, old, following, end, x, rows, weights, total, static, starts, n_groups, group,
+                        groups, b, centre, active, weighted, shared, part, first, second,
                     )  # fmt: skip
                 group = next_group(starts, n_groups, group, groups, b) if active < d else 0
             if k and largest + log_evidence[k - 1] < least[0, k]:

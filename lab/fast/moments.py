@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from lab.fast.kernel import PRODUCTS, SUMS, kernel, wide
+from lab.fast.memory import LINE, ask_for
 from lab.fast.normals import LANES
 from lab.validation import Array
 
@@ -97,14 +98,21 @@ def point_in_plane(x: Array, b: int, centre: Array, weights: Array, part: Array,
 
 @kernel()
 def products(
-    weighted: Array, source: Array, centre: Array, start: int, stop: int, begin: int, end: int, second: Array
-) -> None:
+    weighted: Array, source: Array, centre: Array, start: int, stop: int, begin: int, end: int, second: Array,
+    memory: Array, following: Any, until: Any,
+) -> None:  # fmt: skip
     """Add the products of rows start..stop - 1 of `weighted` and begin..end - 1 of `source`, on and above the diagonal.
 
-    Where the two overlap they are the same rows; a tile on the diagonal is added whole.
+    Where the two overlap they are the same rows; a tile on the diagonal is added whole.  Meanwhile places
+    following..until - 1 of `memory` are asked for.
     """
+    side = (stop - start + TILE - 1) // TILE
+    tiles = max(side * (side + 1) // 2, 1)
+    share = (until - following + tiles * LINE - 1) // (tiles * LINE) * LINE
     for i in range(start, stop, TILE):
         for j in range(max(i, begin), end, TILE):
+            ask_for(memory, following, min(following + share, until))
+            following += share
             _tile(weighted, i, stop, source, centre, j, end, second)
 
 

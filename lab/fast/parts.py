@@ -70,6 +70,7 @@ RESAMPLE_SYSTEMATIC = Part(offspring.resample_systematic, *OFFSPRING)
 RESAMPLE_OTHER = Part(offspring.resample_other, *OFFSPRING)
 ADD_MOMENTS = Part(
     sums.add_moments,
+    *(ROW, int64, int64),
     *(BLOCKS, ROWS, ROWS, float64, ROWS, PLACES, int64, int64, int64, int64),
     *(ROW, int64, ROWS, ROW, ROW, ROW, ROWS),
 )

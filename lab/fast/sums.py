@@ -26,6 +26,9 @@ NEAR = 1e-13  # of the mean: c is as near as can be
 
 @kernel()
 def add_moments(
+    memory: Array,
+    following: Any,
+    end: Any,
     x: Array,
     rows: Array,
     weights: Array,
@@ -44,7 +47,10 @@ def add_moments(
     first: Array,
     second: Array,
 ) -> None:
-    """Add what block b contributes to sum w (x - c) and sum w (x - c)(x - c)'."""
+    """Add what block b contributes to sum w (x - c) and sum w (x - c)(x - c)'.
+
+    Meanwhile places following..end - 1 of `memory` are asked for.
+    """
     wide()
     n = len(centre)
     top: Any = np.int64(0)  # to numba, 0 is a type of its own, and what takes it would be compiled again
@@ -54,11 +60,11 @@ def add_moments(
         point_in_plane(x, b, centre, weights, part, second)
     else:
         weigh(x[b], centre, weights, b, weighted, top, n_active, part)
-        products(weighted, x[b], centre, top, n_active, top, n_active, second)
+        products(weighted, x[b], centre, top, n_active, top, n_active, second, memory, following, end)
         if dense:
             weigh(rows, centre, weights, b, weighted, n_active, n, part)
-            products(weighted, rows, centre, top, n_active, n_active, n, second)
-            products(weighted, rows, centre, n_active, n, n_active, n, second)
+            products(weighted, rows, centre, top, n_active, n_active, n, second, memory, end, end)
+            products(weighted, rows, centre, n_active, n, n_active, n, second, memory, end, end)
     for i in range(n_rows):
         first[i] += part[i]
     if not dense and n_active < n:
