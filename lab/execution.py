@@ -12,13 +12,12 @@ where figures are drawn.
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPoolExecutor, as_completed, wait
-from typing import Any, Protocol, TypeVar
-
-import cloudpickle
-import loky
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from lab.validation import InputError
-from lab.workers import Crew, Worker
+
+if TYPE_CHECKING:
+    from lab.workers import Crew, Worker
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -65,7 +64,7 @@ def processes(
     *,
     jobs: int,
     beside: bool = False,
-    crew: Crew | None = None,
+    crew: "Crew | None" = None,
 ) -> Iterator[Result]:
     """Run items in `jobs` processes (-1: one per processor), each with one item at a time.
 
@@ -94,6 +93,10 @@ def processes(
     object
         Results, in the order in which they end.
     """
+    import cloudpickle
+
+    from lab.workers import Crew  # brings loky, which threads do without
+
     try:
         pickled = cloudpickle.dumps(function)
     except Exception as error:
@@ -127,4 +130,8 @@ def processes(
 
 
 def _count(jobs: int) -> int:
-    return int(loky.cpu_count()) if jobs == -1 else jobs
+    if jobs > 0:
+        return jobs
+    import loky
+
+    return int(loky.cpu_count())

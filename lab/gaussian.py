@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
-from scipy.special import gammaincinv
 
 from lab.validation import Array, InputError
 
@@ -178,6 +177,8 @@ def chi2_quantile(probability: float | Array, dof: float | Array) -> Array:
 
     As `scipy.stats.chi2.ppf`, the import of which would take longer than that of the whole laboratory.
     """
+    from scipy.special import gammaincinv
+
     return np.asarray(2 * gammaincinv(np.divide(dof, 2), probability))
 
 

@@ -19,7 +19,6 @@ Source: Chopin and Papaspiliopoulos, An Introduction to Sequential Monte Carlo (
 """
 
 import numpy as np
-from scipy.special import logsumexp
 
 from lab import gaussian
 from lab.problem import Problem
@@ -188,6 +187,8 @@ def predicted_gap(ratios: Array, n_particles: Array) -> tuple[Array, float]:
     log10_needed : float
         log10 of the number of particles from which none does; -inf where nothing is uncertain.
     """
+    from scipy.special import logsumexp
+
     later = ratios[:, 1:]
     squares = logsumexp(later, axis=(1, 2)) - np.log(np.maximum(np.isfinite(later).sum(axis=(1, 2)), 1))
     log10_needed = float((later.max() - 2 * np.log(VALID_GAP)) / np.log(10))

@@ -8,11 +8,8 @@ of that.  Called by `lab.compare`.
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 
-import cloudpickle
-
 from lab import fast
 from lab.solvers import compiled
-from lab.workers import Crew
 
 
 @contextmanager
@@ -35,6 +32,10 @@ def warming(schemes: Sequence[str], jobs: int) -> Iterator[Callable[[], None]]:
     with ExitStack() as stack:
         parts = None
         if jobs != 1 and compiled.is_cold(schemes):
+            import cloudpickle
+
+            from lab.workers import Crew  # brings loky
+
             crew = stack.enter_context(Crew())
             crew.instruct(cloudpickle.dumps(_compile_parts))
             parts = crew.call(1).workers[0].submit(schemes)

@@ -208,6 +208,8 @@ def test_help_imports_nothing_heavy():
             "from lab.cli.app import app; app(['compare', '--particles', '5', '--runs', '1'], standalone_mode=False)",
             {"filterpy", "scipy.stats", "joblib", "matplotlib"},
         ),
+        # runs in threads; where they end in processes, or files of the original lab are read, these come later
+        ("import lab.warming, lab.compare", {"scipy.special", "scipy.sparse", "scipy.io", "cloudpickle", "loky"}),
     ],
 )
 def test_a_comparison_imports_what_it_needs(here, ran, not_needed):

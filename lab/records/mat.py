@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
-import scipy.sparse
 
 from data_simulation import Simulation
 from lab.validation import Array, InputError, check_covariance, real_array
@@ -39,14 +37,17 @@ def load(path: Path) -> dict[str, Any]:
     InputError
         A -v7.3 file, or a file in Octave's own format.
     """
+    from scipy.io import loadmat
+    from scipy.sparse import issparse
+
     with path.open("rb") as file:
         if file.read(80).startswith((b"# Created by Octave", b"Octave-1-")):
             raise InputError(f"{path} is a file of Octave's own: in Octave, save it with '-v7'.")
     try:
-        variables = scipy.io.loadmat(path)
+        variables = loadmat(path)
     except NotImplementedError:
         raise InputError(f"{path} is a -v7.3 file, which cannot be read: in MATLAB, save it with '-v7'.") from None
-    return {name: _dense(value) for name, value in variables.items()}
+    return {name: value.toarray() if issparse(value) else value for name, value in variables.items()}
 
 
 def from_handout(variables: dict[str, Any]) -> dict[str, Any]:
@@ -119,12 +120,10 @@ def write_simulation(path: Path, simulation: Simulation) -> None:
 
 
 def _save(path: Path, variables: dict[str, Any]) -> None:
+    from scipy.io import savemat  # takes a tenth of a second, for which few commands have a use
+
     doubles = {name: np.asarray(value, dtype=np.float64) for name, value in variables.items()}
-    scipy.io.savemat(path, doubles, oned_as="column", do_compression=True)
-
-
-def _dense(value: Any) -> Any:
-    return value.toarray() if scipy.sparse.issparse(value) else value
+    savemat(path, doubles, oned_as="column", do_compression=True)
 
 
 def _over_time(variables: dict[str, Any], name: str, constant: str, shape: tuple[int, int], N: int) -> Array:

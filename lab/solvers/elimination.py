@@ -13,11 +13,10 @@ O(sightings) for the landmarks and O(N^3) for the path: no matrix of the size of
 Source: Thrun, Burgard and Fox, Probabilistic Robotics (2005), chapter 11 (GraphSLAM), in covariance form.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 from numpy.typing import NDArray
 
 from lab import gaussian
@@ -26,6 +25,9 @@ from lab.problem import Problem, require_problem
 from lab.solvers.exact import kalman, smoother
 from lab.sparse import SparseProblem
 from lab.validation import Array, InputError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 Indices = NDArray[np.int64]
 
@@ -160,9 +162,11 @@ def _sums(values: Array, groups: Indices, count: int) -> Array:
     return np.asarray(np.stack(sums, axis=1), dtype=np.float64).reshape(count, *values.shape[1:])
 
 
-def _sparse(blocks: Array, rows: Indices, columns: Indices, shape: tuple[int, int]) -> scipy.sparse.csr_array:
+def _sparse(blocks: Array, rows: Indices, columns: Indices, shape: tuple[int, int]) -> "csr_array":
     """Return the sparse matrix of blocks (S, 2, 2) at these places."""
+    from scipy.sparse import csr_array
+
     i = 2 * rows[:, np.newaxis, np.newaxis] + np.array([[0], [1]])
     j = 2 * columns[:, np.newaxis, np.newaxis] + np.array([[0, 1]])
     i, j = np.broadcast_arrays(i, j)
-    return scipy.sparse.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
+    return csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
