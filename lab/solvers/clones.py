@@ -57,14 +57,19 @@ class Clones:
         self.product: Callable[..., Array] = partial(np.einsum, "ij,jk->ik") if n_particles <= FEW else np.dot
         drawn = _padded(laws.spread_0.shape[1], n_columns)
         self._draw(drawn)
-        self.both, self._other = _padded(e + a, n_columns), _padded(e + a, n_columns)
-        self.noise, self.x = self.both[:e], self.both[e:]
+        self._room = _padded(e + a + 1, n_columns)
+        self._place(0, e)
         for rows in blocks(n_columns, a):
             self.x[:, rows] = self.product(laws.spread_0[:a], drawn[:, rows])
         self.static = self.product(laws.spread_0[a:], drawn)
         if n_particles <= FEW:  # einsum adds in the order of memory, which is this one after any run has resampled
             self.static = np.asfortranarray(self.static)
         self.starts, self._ancestors = np.arange(n_columns), np.empty(n_columns, np.intp)
+
+    def _place(self, first: int, n_drawn: int) -> None:
+        """Let the noise and the active rows begin at row 0 or 1 of a room for one more: two rooms exceed the cache."""
+        self._first, self.both = first, self._room[first : len(self._room) - 1 + first]
+        self.noise, self.x = self.both[:n_drawn], self.both[n_drawn:]
 
     def draw(self, n_rows: int) -> None:
         """Draw the last rows of the noise, those of a run from its own generator."""
@@ -98,10 +103,10 @@ class Clones:
     def resample(self, ends: Any) -> None:
         """Replace the particles by their offspring; `ends` (runs P,) counts that of each and of those before it."""
         e, ancestors = len(self.noise), ancestors_of(ends, self._ancestors)
-        self.both, self._other = self._other, self.both
-        self.noise, self.x = self.both[:e], self.both[e:]
-        for new, old in zip(self.x, self._other[e:], strict=True):
-            np.take(old, ancestors, out=new, mode="clip")
+        before, up = self.x, self._first == 0
+        self._place(int(up), e)
+        for row in reversed(range(len(before))) if up else range(len(before)):
+            np.take(before[row], ancestors, out=self.x[row], mode="clip")
         starts = np.concatenate([[0], ends[self.starts[1:] - 1]])
         alive = np.diff(starts, append=len(ends)) > 0
         self.starts, self.static = starts[alive], self.static[:, alive]
