@@ -49,7 +49,7 @@ def take_moments(rows, centre, weights, weighted, part, second):
     n = len(rows)
     for _ in range(BLOCKS):
         moments.weigh(rows, centre, weights, 0, weighted, 0, n, part)
-        moments.products(weighted, rows, centre, 0, n, 0, n, second)
+        moments.products(weighted, rows, centre, 0, n, 0, n, second, centre, 0, 0)  # asking for nothing
 
 
 @njit(nogil=True)
