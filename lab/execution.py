@@ -130,7 +130,7 @@ def processes(
 
 
 def _count(jobs: int) -> int:
-    if jobs > 0:
+    if jobs != -1:
         return jobs
     import loky
 

@@ -15,7 +15,9 @@ def caller(kernel):
     return numba.njit(lambda *given: kernel(*given))
 
 
-BELOW, BESIDE, AHEAD, FETCH = (caller(k) for k in (memory.below, memory.beside, memory.ahead, block.fetch))
+BELOW, BESIDE, AHEAD, FETCH, ASK = (
+    caller(k) for k in (memory.below, memory.beside, memory.ahead, block.fetch, memory.ask_for)
+)
 
 
 def offspring(rng, n, left, spread):
@@ -71,10 +73,19 @@ def test_there_is_room_beside_a_cloud_wherever_it_is(at, new_size):
     assert new + new_size <= source or source + 1024 <= new
     assert 0 <= new <= 2 * 1024 - new_size
     np.testing.assert_array_equal(room[source : source + 1024], cloud)
+    has_room = at >= new_size or at + 1024 <= 2 * 1024 - new_size
+    assert (source == at) == has_room
+
+
+def test_asking_is_an_instruction_of_the_processor():
+    room = np.zeros(64)
+    ASK(room, 0, 64)
+    assert "call void @llvm.prefetch" in next(iter(ASK.inspect_llvm().values()))
 
 
 @pytest.mark.parametrize("spread", [1, 30, 1000])
-def test_each_block_asks_for_what_the_next_one_reads_first(spread):
+def test_each_block_asks_for_what_is_new_to_the_next_one(spread):
+    """Where that is more than two blocks, for the last two of them."""
     rng, n, n_rows = np.random.default_rng(spread), 9000, 3
     n_blocks, size = -(-n // LANES), 3 * LANES
     ancestors = offspring(rng, n, n, spread)

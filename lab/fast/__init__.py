@@ -9,7 +9,7 @@ out: nothing here knows of robots.
     genealogy    rows kept once per ancestor  offspring   resampling
     moments      sums over a block            sums        mean and covariance of them
     dropping     who need not go on           room        the memory of a run
-    loop         a whole run
+    memory       where in it a cloud is       loop        a whole run
     parts        what the loop calls by address, compiled by itself
     keeping      machine code on disk, whatever befalls it
     compiled     the run and its parts as functions kept there

@@ -204,7 +204,7 @@ def run(
         dropped = left < n
         if dropped:
             n, blocks, n_groups, starts = left, (left + LANES - 1) // LANES, left, starts[: left + 1]
-        if k and sizes[step, 2] < active:
+        if k and sizes[step, 2] < active:  # never with `dropped`: what never resamples takes no more rows as static
             source, at = beside(at, x.size, blocks * sizes[step, 2] * LANES, memory)
             x = memory[source : source + x.size].reshape((blocks, active, LANES))
             active = sizes[step, 2]

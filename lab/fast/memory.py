@@ -2,14 +2,14 @@
 
 Question answered: what does a cloud cost that the processor's cache cannot hold?  As little as can be when
 
-    below    it takes the memory of one cloud and not of two: ancestors come in ascending order and not far from where
-             their descendants go, so these are written a few blocks below the cloud that they are fetched from, over
-             particles that have been read and are still in the cache
+    below    resampling touches the memory of one cloud and not of two: ancestors come in ascending order, not far from
+             where their descendants go, so these are written a few blocks below the cloud that they are fetched from,
+             over particles that have been read and are still in the cache
     ahead    the next block is asked for while the products of this one are summed, some lines at a time: a processor
              does not wait for them, unless it is asked for more than it can keep in mind
 
-There is room for two clouds.  One begins at the top, goes down with each resampling, and from the bottom to the top
-again.  Called by `lab.fast.loop` and `lab.fast.moments`.
+There is room for two all the same.  The cloud begins at the top, goes down with each resampling, and from the bottom to
+the top again.  Called by `lab.fast.loop` and `lab.fast.moments`.
 """
 
 from typing import Any
