@@ -6,7 +6,7 @@ sets, whose spread gives the standard error; with one data set it comes from the
 Made by `lab.compare`, kept by `lab.sweep`, drawn by `lab.plots.comparison`.  Source: question 8 of the handout.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -98,23 +98,31 @@ class Comparison:
         A standard error is that of the means of the data sets where there are several, else that of the runs.
         `collapsed_at` is the median over the runs that collapsed, NaN when none did.
         """
-        import pandas as pd  # here: runs need it not, and it takes longer to import than all else
+        import pandas as pd
 
+        return pd.DataFrame(self.summary_rows())
+
+    def summary_rows(self) -> list[dict[str, Any]]:
+        """Return the rows of `summary` without pandas, which takes longer to import than all else here."""
         rows = []
-        for (solver, n_particles), group in self.runs.groupby(["solver", "n_particles"], sort=False):
-            good = group[group["error"] == ""]
-            each = good.groupby("data_set").mean(numeric_only=True) if len(self.problems) > 1 else good
+        for solver, n_particles in dict.fromkeys((r.unit.solver, r.unit.n_particles) for r in self.records):
+            good = self.of(solver, n_particles)
+            data_sets: dict[int, list[Record]] = {}
+            for record in good:
+                data_sets.setdefault(record.unit.data_set, []).append(record)
+            groups = list(data_sets.values()) if len(self.problems) > 1 else [[record] for record in good]
             row: dict[str, Any] = {"solver": solver, "n_particles": n_particles, "runs": len(good)}
             for name in ("mean_gap", "cov_gap", "log_evidence_gap"):
-                row[name] = each[name].mean()
-                row[f"{name}_se"] = each[name].std(ddof=1) / np.sqrt(max(len(each), 1))
-            row["ess_min"] = each["ess_min"].mean()
-            row["collapsed_at"] = good["collapsed_at"].median()
-            row["seconds_per_run"] = each["seconds"].mean()
-            row["ancestors_left"] = each["ancestors_left"].mean()
-            row["data_sets"] = good["data_set"].nunique()
+                each = _means(groups, name)
+                row[name], row[f"{name}_se"] = _mean(each), _standard_error(each)
+            collapsed = _known([record.metrics.collapsed_at for record in good])
+            row["ess_min"] = _mean(_means(groups, "ess_min"))
+            row["collapsed_at"] = float(np.median(collapsed)) if len(collapsed) else np.nan
+            row["seconds_per_run"] = _mean(_means(groups, "seconds"))
+            row["ancestors_left"] = _mean(_means(groups, "ancestors_left"))
+            row["data_sets"] = len(data_sets)
             rows.append(row)
-        return pd.DataFrame(rows)
+        return rows
 
     @property
     def solvers(self) -> list[str]:
@@ -154,3 +162,23 @@ class Comparison:
         digits: str = table.to_html(index=False, float_format="{:.3g}".format, na_rep="", border=0)
         failed = f"<p>{len(self.failures)} of {len(self.records)} runs failed.</p>" if self.failures else ""
         return digits + failed
+
+
+def _known(values: Sequence[float]) -> Array:
+    return np.array([value for value in values if not np.isnan(value)])
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = _known(values)
+    return float(known.mean()) if len(known) else np.nan
+
+
+def _means(groups: Sequence[Sequence[Record]], name: str) -> list[float]:
+    """Return the mean of a metric over each group of records."""
+    return [_mean([getattr(record.metrics, name) for record in group]) for group in groups]
+
+
+def _standard_error(values: Sequence[float]) -> float:
+    """Return the standard error of the mean of all values, of which those that are NaN say nothing."""
+    known = _known(values)
+    return float(known.std(ddof=1) / np.sqrt(len(values))) if len(known) > 1 else np.nan

@@ -206,7 +206,7 @@ def test_help_imports_nothing_heavy():
         ("import lab.work", {"pandas", "filterpy", "scipy.stats", "joblib", "matplotlib"}),  # a worker process
         (
             "from lab.cli.app import app; app(['compare', '--particles', '5', '--runs', '1'], standalone_mode=False)",
-            {"filterpy", "scipy.stats", "joblib", "matplotlib"},
+            {"filterpy", "scipy.stats", "joblib", "matplotlib", "pandas", "pyarrow"},
         ),
         # runs in threads; where they end in processes, or files of the original lab are read, these come later
         ("import lab.warming, lab.compare", {"scipy.special", "scipy.sparse", "scipy.io", "cloudpickle", "loky"}),

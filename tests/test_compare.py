@@ -1,17 +1,19 @@
 """The comparison: metrics by their definitions, seeds, failures, and the table."""
 
 import threading
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 from worlds import full_scenario, problem, reference
 
 from data_simulation import Scenario
 from lab.compare import compare, designs, partial_comparison
-from lab.comparison import Unit
+from lab.comparison import Comparison, Record, Unit
 from lab.findings import findings
-from lab.metrics import measure
+from lab.metrics import Metrics, measure
 from lab.problem import Problem
 from lab.result import Filtered
 from lab.solvers import guided, kalman, rbpf, sir, sis
@@ -115,6 +117,42 @@ def test_summary_by_hand(comparison):
         assert row.mean_gap_se == pytest.approx(np.sqrt(sum((v - mean) ** 2 for v in values) / 2) / np.sqrt(3))
         collapsed = sorted(v for v in mine["collapsed_at"] if not np.isnan(v))
         assert row.collapsed_at == pytest.approx(np.median(collapsed) if collapsed else np.nan, nan_ok=True)
+
+
+@pytest.mark.parametrize("data_sets", [1, 3])
+def test_summary_is_what_pandas_makes_of_the_runs(data_sets):
+    """Some runs fail, all of one data set do, one metric of one solver is never there, another is at times, N are met in turns."""
+    rng, records = np.random.default_rng(0), []
+    for data_set in range(data_sets):
+        for solver, size in (("b", 10), ("a", 10), ("b", 5), ("a", 5)):
+            for run in range(6):
+                metrics = Metrics(
+                    *rng.random(3), np.nan if solver == "a" else rng.random(), np.nan, seconds=rng.random()
+                )
+                if rng.random() < 0.5:
+                    metrics = replace(metrics, collapsed_at=float(rng.integers(9)), log_evidence_gap=np.nan)
+                failed = rng.random() < 0.3 or (data_set, solver) == (1, "b") or (solver, size) == ("a", 5)
+                unit = Unit(solver, size, run, 0, data_set)
+                records.append(Record(unit, Metrics(), error="no") if failed else Record(unit, metrics))
+    worlds = (problem(),) * data_sets
+    summary = Comparison(worlds, (), tuple(records)).summary()
+    rows = pd.DataFrame([{**vars(r.unit), **vars(r.metrics)} for r in records if not r.error])
+    assert list(zip(summary["solver"], summary["n_particles"], strict=True)) == [
+        ("b", 10),
+        ("a", 10),
+        ("b", 5),
+        ("a", 5),
+    ]
+    for row in summary.to_dict("records"):
+        good = rows[(rows["solver"] == row["solver"]) & (rows["n_particles"] == row["n_particles"])]
+        each = good.groupby("data_set").mean(numeric_only=True) if data_sets > 1 else good
+        expected = {"runs": len(good), "data_sets": good["data_set"].nunique()}
+        for name in ("mean_gap", "cov_gap", "log_evidence_gap"):
+            expected |= {name: each[name].mean(), f"{name}_se": each[name].std(ddof=1) / np.sqrt(max(len(each), 1))}
+        expected |= {name: each[name].mean() for name in ("ess_min", "ancestors_left")}
+        expected |= {"seconds_per_run": each["seconds"].mean(), "collapsed_at": good["collapsed_at"].median()}
+        assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-12, nan_ok=True)
+        assert set(row) == {*expected, "solver", "n_particles"}
 
 
 def without_seconds(comparison):

@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd  # before anything runs: a Ctrl-C while it is read would leave no table, and it would slow runs down
-
 from lab.cli.output import console
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from lab.comparison import Comparison
     from lab.validation import Array
 
@@ -33,7 +33,7 @@ def print_comparison(comparison: "Comparison") -> None:
     """Print one row per solver and N, and below the table what went wrong in plain words."""
     from lab.findings import findings
 
-    summary = comparison.summary().to_dict("records")
+    summary = comparison.summary_rows()
     columns = {}
     for header, name, digits in COLUMNS:
         cells = [_cell(row[name], row.get(f"{name}_se", float("nan")), digits) for row in summary]
@@ -55,8 +55,8 @@ def print_moments(table: "pd.DataFrame", lines: Sequence[str]) -> None:
 
 
 def _cell(value: Any, error: float, digits: int) -> str:
-    text = "-" if pd.isna(value) else _number(value, digits) if digits else str(value)
-    return text if pd.isna(error) else f"{text} ({_number(error, 2)})"
+    text = str(value) if digits == 0 else "-" if math.isnan(value) else _number(value, digits)
+    return text if math.isnan(error) else f"{text} ({_number(error, 2)})"
 
 
 def print_forecast(
