@@ -35,10 +35,11 @@ def as_blocks(rows):
     return padded.reshape(n_rows, -1, LANES).transpose(1, 0, 2)
 
 
+@pytest.mark.parametrize("n_rows", [2, 3])
 @pytest.mark.parametrize("spread", [1, 30, 1000, 10_000])
 @pytest.mark.parametrize("n", [1, 300, 9000])
-def test_descendants_are_what_indexing_says_wherever_the_cloud_is(n, spread):
-    rng, n_rows, places = np.random.default_rng(n + spread), 3, np.empty(LANES, np.uint64)
+def test_descendants_are_what_indexing_says_wherever_the_cloud_is(n, spread, n_rows):
+    rng, places = np.random.default_rng(n + spread), np.empty(LANES, np.uint64)
     cloud = rng.normal(size=(n_rows, n))
     blocks = as_blocks(cloud)
     room = np.full(2 * blocks.size, np.nan)

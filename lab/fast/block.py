@@ -79,10 +79,18 @@ def move(x: Array, F: Array, B: Array, b: int, n_moving: int, n_active: int, tur
 def fetch(new: Array, old: Array, ancestors: Any, b: int, n: int, n_active: int, places: Any) -> None:
     """Copy the ancestors of the particles of block b from `old`, all blocks in one row, which may be in part the same.
 
-    `places` (LANES,) is room for where they are.
+    `places` (LANES,) is room for where they are; two rows are copied at once and need none.
     """
     wide()
     held, stride = min(LANES, n - b * LANES), np.uint64(n_active * LANES)
+    if n_active == 2:
+        for lane in range(held):
+            ancestor = np.uint64(ancestors[b * LANES + lane])
+            place = ancestor + (ancestor & ~LANE)  # twice the ancestor's block
+            new[b, 0, lane], new[b, 1, lane] = old[place], old[place + stride // 2]
+        for lane in range(held, LANES):
+            new[b, 0, lane] = new[b, 1, lane] = 0.0
+        return
     for lane in range(held):
         ancestor = np.uint64(ancestors[b * LANES + lane])
         places[lane] = (ancestor >> BLOCK) * stride + (ancestor & LANE)
