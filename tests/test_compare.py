@@ -121,7 +121,7 @@ def test_summary_by_hand(comparison):
 
 @pytest.mark.parametrize("data_sets", [1, 3])
 def test_summary_is_what_pandas_makes_of_the_runs(data_sets):
-    """Some runs fail, all of one data set do, one metric of one solver is never there, another is at times, N are met in turns."""
+    """Some runs fail, all of one data set do, metrics are missing at times or always, and N are met in turns."""
     rng, records = np.random.default_rng(0), []
     for data_set in range(data_sets):
         for solver, size in (("b", 10), ("a", 10), ("b", 5), ("a", 5)):
@@ -131,6 +131,8 @@ def test_summary_is_what_pandas_makes_of_the_runs(data_sets):
                 )
                 if rng.random() < 0.5:
                     metrics = replace(metrics, collapsed_at=float(rng.integers(9)), log_evidence_gap=np.nan)
+                else:
+                    metrics = replace(metrics, ancestors_left=float(rng.integers(9)))
                 failed = rng.random() < 0.3 or (data_set, solver) == (1, "b") or (solver, size) == ("a", 5)
                 unit = Unit(solver, size, run, 0, data_set)
                 records.append(Record(unit, Metrics(), error="no") if failed else Record(unit, metrics))
