@@ -201,11 +201,16 @@ def _moments(
             second += centred @ centred.T  # of a matrix and itself, for which BLAS takes less time
         else:
             weighted = centred * w[rows]
-            first += centred @ w[rows]
-            second += weighted @ centred.T
+            if n == 2:  # BLAS takes twice as long for a product of matrices with so few rows
+                cross = weighted[0] @ centred[1]
+                second += [[weighted[0] @ centred[0], cross], [cross, weighted[1] @ centred[1]]]
+            else:
+                second += weighted @ centred.T
             from_group, to_group = np.searchsorted(starts, [rows.start, rows.stop - 1], side="right") - [1, 0]
             places = np.maximum(starts[from_group:to_group] - rows.start, 0)
             sums[:, from_group:to_group] += np.add.reduceat(weighted, places, axis=1)
+    if sums is not None:
+        first = sums.sum(axis=1)
     first /= total
     cov = second / total - np.outer(first, first)
     if near and (cov.diagonal() < LOST * first**2).any():
