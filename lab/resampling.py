@@ -22,7 +22,7 @@ from lab.validation import Array, InputError
 
 Ancestors = NDArray[np.intp]
 UNSURE = 1e-6  # far above the rounding of N c, for every N that fits in memory
-BLOCK = 12_000  # particles that are looked at while they are in the cache
+BLOCK = 25_000  # particles that are looked at while they are in the cache
 Resampler = Callable[[Array, np.random.Generator], Ancestors]
 
 
@@ -162,8 +162,7 @@ def _below(cumulative: Array, totals: Array, shifts: Array, n: int) -> Array:
 
     N c says it; but where rounding may have the last word, the points in question are compared.
     """
-    scaled = cumulative / totals
-    scaled *= n
+    scaled = cumulative * (n / totals)
     if shifts.shape[1] == 1:
         scaled -= shifts
         below = np.ceil(scaled)

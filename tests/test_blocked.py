@@ -162,3 +162,17 @@ def test_twin_with_a_motion_that_is_not_stable():
         fast, readable = both(given, proposal, 6, n_particles=1000, ess_threshold=0.5)
         np.testing.assert_allclose(fast.means, readable.means, rtol=0, atol=1e-6 * np.abs(readable.means).max())
         np.testing.assert_array_equal(fast.survivors, readable.survivors)
+
+
+@pytest.mark.parametrize("threshold", [0.0, 0.5])
+@pytest.mark.parametrize("distance", [12.0, 40.0, 400.0])
+def test_twin_where_all_particles_are_far_from_what_is_seen(distance, threshold):
+    """Weights that are all faint, some of them 0, count from the largest; the next instants go on from there."""
+    world = cut(problem(), 20)
+    z = world.z.copy()
+    z[[4, 5, 11]] += distance
+    world = Problem(world.model, z, world.H, world.R)
+    options = {"n_particles": 700, "ess_threshold": threshold, "proposal": prior, "resample": "systematic"}
+    together = blocked.run(world, [np.random.default_rng(seed) for seed in range(4)], **options)
+    for seed, answer in enumerate(together):
+        assert_same(answer, collect(particle_steps(world, np.random.default_rng(seed), **options)))

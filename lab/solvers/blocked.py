@@ -29,11 +29,13 @@ from lab.solvers.clones import Clones, blocks
 from lab.solvers.plan import plan
 from lab.solvers.proposals import GaussianProposal
 from lab.solvers.steps import Step, loose, neighbours, steps_of
+from lab.solvers.terms import combine, pay
 from lab.validation import Array, InputError
 
 ASCENDING = ("systematic", "stratified")  # schemes whose ancestors come in ascending order
 ROUNDING = 1e-9  # as in the readable loop: equal weights must trigger at a threshold of 1
-LEAST = -600.0  # log-weights so far below the largest count as 0: with numbers near the smallest one, all is slow
+LEAST = -600.0  # log-weights below this count as 0: with numbers near the smallest one, all is slow
+FAINT = 1e-40  # a mean weight below this, and log-weights are counted from the largest anew
 LONG = 1000  # particles: where groups have as many on average, they are gone through one by one
 
 
@@ -66,7 +68,7 @@ def run(
     log_evidence, ess = np.zeros((N, runs)), np.empty((N, runs))
     survivors: Any = np.empty((N, runs), dtype=np.int64)
     cloud = Clones(laws, P, rngs)
-    w, totals, largest = np.ones((runs, P)), np.full(runs, float(P)), np.zeros(runs)
+    w, totals = np.ones((runs, P)), np.full(runs, float(P))
     logs, shared = np.zeros((runs, P)), np.full(runs, -np.log(P))  # log-weights, and what all of a run have of them
     # a large array is dear the first time that it is written to, so these are written to again and again
     room = np.empty((runs, P)), np.empty((runs, P), np.intp)
@@ -77,17 +79,16 @@ def run(
                 shifts = np.array([rngs[i].random(P if resample == "stratified" else 1) for i in tired])
                 _resample(cloud, w, tired, shifts, room)
                 shared[tired] = -np.log(P)
-                for i in tired:
-                    logs[i] = 0
-            step = steps[k - 1]
+            step, fresh = steps[k - 1], len(tired) == runs and len(steps[k - 1].expected) > 0
+            if not fresh:
+                logs[tired], w[tired] = 0, 1
             cloud.draw(step.n_draws)
-            _make(step, cloud, logs.ravel())
-            if len(step.expected):
-                largest = _weigh(logs, w, k)
-            elif len(tired):
-                w[tired], largest[tired] = 1, 0
+            _make(step, cloud, logs.ravel(), w.ravel(), fresh=fresh)
             totals = w.sum(axis=1)
-            increment = largest + np.log(totals) + shared + step.constant
+            for i in np.flatnonzero(~(totals > FAINT * P)):
+                shared[i] += _count_from_largest(logs[i], w[i], k)
+                totals[i] = w[i].sum()
+            increment = np.log(totals) + shared + step.constant
             shared += step.constant - increment
             log_evidence[k] = log_evidence[k - 1] + increment
             path, differing = step.path, step.differing
@@ -116,25 +117,30 @@ def _resample(cloud: Clones, w: Array, tired: Any, shifts: Array, room: tuple[Ar
     cloud.resample(ends.ravel())
 
 
-def _weigh(logs: Array, w: Array, k: int) -> Array:
-    """Set each row of w to the weights relative to the largest, and return the logarithm of that."""
-    largest = logs.max(axis=1)
-    if not np.isfinite(largest).all():
+def _count_from_largest(logs: Array, w: Array, k: int) -> float:
+    """Take the largest log-weight from all of a run, weigh them anew, and return it."""
+    largest = float(logs.max())
+    if not np.isfinite(largest):
         try:
-            weights.normalise(logs[np.flatnonzero(~np.isfinite(largest))[0]])
+            weights.normalise(logs)
         except InputError as error:
             raise InputError(f"At k = {k}: {error}") from None
-    for rows in blocks(logs.shape[1], len(logs)):
-        part = np.subtract(logs[:, rows], largest[:, np.newaxis], out=w[:, rows])
-        if part.min() < LEAST:
-            part[part < LEAST] = -np.inf
-        np.exp(part, out=part)
-    return np.asarray(largest)
+    logs -= largest
+    _weigh(logs, w)
+    return largest
 
 
-def _make(step: Step, cloud: Clones, logs: Array) -> None:
-    """Move and draw the particles in place, and take the squares of y from `logs` (runs P,)."""
+def _weigh(logs: Array, w: Array) -> None:
+    """Set w to the weights."""
+    if logs.min() < LEAST:
+        logs = np.where(logs < LEAST, -np.inf, logs)
+    np.exp(logs, out=w)
+
+
+def _make(step: Step, cloud: Clones, logs: Array, w: Array, *, fresh: bool) -> None:
+    """Move, draw and weigh the particles in place; log-weights and weights (runs P,), the former 0 where `fresh`."""
     u, p, expected = len(step.gain), len(step.expected), step.expected
+    each = pay(step.terms, step.map.shape[1], cloud.n_particles)
     corrected = False  # whether rows change by what the static ones make of y
     if step.of_static.any():
         beyond = cloud.product(step.of_static, cloud.static)
@@ -144,7 +150,10 @@ def _make(step: Step, cloud: Clones, logs: Array) -> None:
     for rows in blocks(len(logs), max(len(cloud.both), u + p)):
         read = [cloud.both[part, rows] for part in step.reads]
         made = np.empty((u + p, rows.stop - rows.start))
-        cloud.product(step.map, np.concatenate(read) if len(read) > 1 else read[0], out=made)
+        if each:
+            combine(step.terms, [row for part in read for row in part], made)
+        else:
+            cloud.product(step.map, np.concatenate(read) if len(read) > 1 else read[0], out=made)
         if corrected:
             apart = np.zeros((p, made.shape[1]))
             cloud.add(apart, beyond, rows)
@@ -154,8 +163,11 @@ def _make(step: Step, cloud: Clones, logs: Array) -> None:
             end = begin + part.stop - part.start
             np.add(made[begin:end], step.shift[begin:end], out=cloud.x[part, rows])
             begin = end
-        y = made[u:]
+        if not p:
+            continue
+        y, log = made[u:], logs[rows]
         cloud.add(y, expected, rows)
         np.square(y, out=y)
-        for square in y:
-            logs[rows] -= square
+        for i, square in enumerate(y):
+            np.subtract(0.0 if fresh and not i else log, square, out=log)
+        _weigh(log, w[rows])

@@ -15,11 +15,12 @@ import numpy as np
 
 from lab.resampling import ancestors_of
 from lab.solvers.plan import Plan
+from lab.solvers.terms import combine, pay, terms_of
 from lab.validation import Array
 
 FEW = 300  # particles, up to which landmarks of one ancestor are not worth the search for them
-BLOCK = 128_000  # numbers that are worked on at a time: a megabyte, which stays in the cache
-SMALLEST, LARGEST = 1000, 12_000  # particles of a block: calls are not free either
+BLOCK = 256_000  # numbers that are worked on at a time: two megabytes, which stay in the cache
+SMALLEST, LARGEST = 1000, 25_000  # particles of a block: calls are not free either
 LOST = 1e-4  # a variance below this part of the squared mean has lost too many digits
 PAD = 8  # doubles, so that the rows of a whole cloud are not at such a distance, either
 
@@ -37,6 +38,7 @@ class Clones:
 
     Attributes
     ----------
+    n_particles : int
     noise, x : (e, runs P), (a, runs P) array
         The normals drawn last, and the active rows.
     both : (e + a, runs P) array
@@ -52,16 +54,21 @@ class Clones:
     def __init__(self, laws: Plan, n_particles: int, rngs: Sequence[np.random.Generator]) -> None:
         a, e = laws.spread.shape[1:]
         n_columns = n_particles * len(rngs)
-        self._rngs, self._n_particles = rngs, n_particles
+        self._rngs, self.n_particles = rngs, n_particles
         # BLAS computes columns in groups, and a last digit may depend on a column's place
         self.product: Callable[..., Array] = partial(np.einsum, "ij,jk->ik") if n_particles <= FEW else np.dot
         drawn = _padded(laws.spread_0.shape[1], n_columns)
         self._draw(drawn)
         self._room = _padded(e + a + 1, n_columns)
         self._place(0, e)
-        for rows in blocks(n_columns, a):
-            self.x[:, rows] = self.product(laws.spread_0[:a], drawn[:, rows])
-        self.static = self.product(laws.spread_0[a:], drawn)
+        self.static = np.empty((len(laws.spread_0) - a, n_columns))
+        for part, made in ((laws.spread_0[:a], self.x), (laws.spread_0[a:], self.static)):
+            terms = terms_of(part)
+            for rows in blocks(n_columns, len(drawn)):
+                if pay(terms, len(drawn), n_particles):
+                    combine(terms, drawn[:, rows], made[:, rows])
+                else:
+                    made[:, rows] = self.product(part, drawn[:, rows])
         if n_particles <= FEW:  # einsum adds in the order of memory, which is this one after any run has resampled
             self.static = np.asfortranarray(self.static)
         self.starts, self._ancestors = np.arange(n_columns), np.empty(n_columns, np.intp)
@@ -77,7 +84,7 @@ class Clones:
 
     def _draw(self, room: Array) -> None:
         for run, rng in enumerate(self._rngs):
-            for row in room[:, run * self._n_particles : (run + 1) * self._n_particles]:
+            for row in room[:, run * self.n_particles : (run + 1) * self.n_particles]:
                 rng.standard_normal(out=row)
 
     def spread_out(self, columns: Array) -> Array:
@@ -209,9 +216,7 @@ def _moments(
             from_group, to_group = np.searchsorted(starts, [rows.start, rows.stop - 1], side="right") - [1, 0]
             places = np.maximum(starts[from_group:to_group] - rows.start, 0)
             sums[:, from_group:to_group] += np.add.reduceat(weighted, places, axis=1)
-    if sums is not None:
-        first = sums.sum(axis=1)
-    first /= total
+    first = (first if sums is None else sums.sum(axis=1)) / total
     cov = second / total - np.outer(first, first)
     if near and (cov.diagonal() < LOST * first**2).any():
         return _moments(parts, w, total)

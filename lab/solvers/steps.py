@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from lab.solvers.plan import Plan
+from lab.solvers.terms import Terms, terms_of
 from lab.validation import Array
 
 ROOT_HALF = np.sqrt(0.5)  # goes into y, so that its square needs no factor
@@ -26,6 +27,8 @@ class Step(NamedTuple):
     ----------
     map : (u + p, c) array
         From what is read to the u rows that the step changes, and to y.
+    terms : sequence of sequence of (int, float)
+        The same entry by entry; y is made of the changed rows where it reads no others.
     shift : (u, 1) array
         What is added to those rows: where no measurement ever corrects them, else 0.
     reads, writes : list of slice
@@ -43,6 +46,7 @@ class Step(NamedTuple):
     """
 
     map: Array
+    terms: Terms
     shift: Array
     reads: list[slice]
     writes: list[slice]
@@ -80,9 +84,13 @@ def steps_of(laws: Plan) -> list[Step]:
             shift = np.where(free, path[:a], 0.0)
             path[:a] -= shift
             differing = to_rows[:, :e].any(axis=1) | ((to_rows[:, e:] != 0) @ differing) | (shift != 0)
+            terms = terms_of(whole[:, read])
+            if laws.draw_first and not K.any() and not np.delete(H[:, :a], changed, axis=1).any():
+                terms = [*terms[: len(changed)], *terms_of(np.hstack([np.zeros((p, len(read))), -H[:, changed]]))]
             _prepared[laws].append(
                 Step(
                     np.ascontiguousarray(whole[:, read]),
+                    terms,
                     shift[changed, np.newaxis],
                     neighbours(most - e + read),  # what is drawn stands last
                     neighbours(changed),
