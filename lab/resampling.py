@@ -22,6 +22,7 @@ from lab.validation import Array, InputError
 
 Ancestors = NDArray[np.intp]
 UNSURE = 1e-6  # far above the rounding of N c, for every N that fits in memory
+TINY = np.finfo(float).tiny  # at a total of N times this and less, N over it may be infinite
 BLOCK = 25_000  # particles that are looked at while they are in the cache
 Resampler = Callable[[Array, np.random.Generator], Ancestors]
 
@@ -162,7 +163,7 @@ def _below(cumulative: Array, totals: Array, shifts: Array, n: int) -> Array:
 
     N c says it; but where rounding may have the last word, the points in question are compared.
     """
-    scaled = cumulative * (n / totals)
+    scaled = cumulative * (n / totals) if totals.min() > n * TINY else cumulative / totals * n
     if shifts.shape[1] == 1:
         scaled -= shifts
         below = np.ceil(scaled)

@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -34,6 +34,8 @@ def searched(weights, shifts):
 
 
 @given(weights=WEIGHTS, shift=st.one_of(st.sampled_from([0.0, LARGEST, 0.5]), st.floats(0, 1)), own=st.booleans())
+@example(weights=np.array([1e-309, 2e-309]), shift=0.5, own=False)
+@example(weights=np.full(60, 1e-323), shift=0.0, own=True)
 def test_points_of_strata_need_no_search(weights, shift, own):
     """Counting gives what the search gives, for points on the edges of their strata, too."""
     shifts = np.roll(np.linspace(0, LARGEST, len(weights)), 3) if own else np.array([shift])

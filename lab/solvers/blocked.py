@@ -165,9 +165,12 @@ def _make(step: Step, cloud: Clones, logs: Array, w: Array, *, fresh: bool) -> N
             begin = end
         if not p:
             continue
-        y, log = made[u:], logs[rows]
+        y = made[u:]
         cloud.add(y, expected, rows)
         np.square(y, out=y)
         for i, square in enumerate(y):
-            np.subtract(0.0 if fresh and not i else log, square, out=log)
-        _weigh(log, w[rows])
+            if fresh and not i:
+                np.negative(square, out=logs[rows])
+            else:
+                logs[rows] -= square
+        _weigh(logs[rows], w[rows])
