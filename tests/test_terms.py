@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from test_blocked import TWIN_WORLDS
 from test_proposals import PROPOSALS
+from worlds import full_scenario, problem
 
+from lab.problem import LinearGaussianModel, Problem
 from lab.solvers.plan import plan
 from lab.solvers.steps import steps_of
 from lab.solvers.terms import MANY, combine, pay, terms_of
@@ -35,10 +37,21 @@ def test_rows_may_be_made_of_rows_before_them():
     np.testing.assert_array_equal(made, [[12, 24], [-11, -22], [-33, -66]])
 
 
-@pytest.mark.parametrize("world", TWIN_WORLDS)
+def pulled():
+    """Return a world whose first landmark pulls the robot: it is measured, read by the motion, and stays as it is."""
+    world = problem(full_scenario(2))
+    model, F = world.model, world.model.F.copy()
+    F[:2, 2:4] = 0.1 * np.eye(2)
+    return Problem(LinearGaussianModel(F, model.B, model.Q, model.m0, model.P0), world.z, world.H, world.R)
+
+
+TERM_WORLDS = TWIN_WORLDS | {"pulled": pulled}
+
+
+@pytest.mark.parametrize("world", TERM_WORLDS)
 @pytest.mark.parametrize("name", PROPOSALS)
 def test_the_terms_of_a_step_are_its_matrix(world, name):
-    for step in steps_of(plan(TWIN_WORLDS[world](), PROPOSALS[name])):
+    for step in steps_of(plan(TERM_WORLDS[world](), PROPOSALS[name])):
         read = np.eye(step.map.shape[1])
         made = np.empty((len(step.map), len(read)))
         combine(step.terms, read, made)
